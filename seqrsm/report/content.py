@@ -80,7 +80,8 @@ def build_report(dossier: Dossier) -> Report:
     shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
     shown = list(_once(shown, set()))
     if alone:
-        shown[1] = replace(shown[1], new_page=True)  # the summary of one application fills a page
+        # The summary of one application fills a page; with several, the appendix has no page to itself.
+        shown[1], shown[-1] = replace(shown[1], new_page=True), replace(shown[-1], new_page=True)
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
@@ -154,7 +155,7 @@ def _together(names: list[str]) -> str:
         if numbers:
             run = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
             shown = f"{numbers[0]} to {numbers[-1]}" if run else listing(numbers)
-            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''} {shown}")
+            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''}\u00a0{shown}")
     return " and ".join(parts)
 
 

@@ -96,7 +96,7 @@ def format_plus_minus(value: float, uncertainty: float, decimals: int | None = N
         decimals = decimals_for(uncertainty, decimals_of_significant(value, 3))
     if not math.isfinite(uncertainty):
         return format_number(value, decimals)
-    return f"{format_number(value, decimals)} \u00b1 {format_number(abs(uncertainty), decimals)}"
+    return f"{format_number(value, decimals)}\u00a0\u00b1\u00a0{format_number(abs(uncertainty), decimals)}"
 
 
 def format_range(low: float, high: float, decimals: int | None = None) -> str:

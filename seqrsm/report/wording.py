@@ -295,9 +295,13 @@ def optimum_setting_text(analysis: Analysis, factor: Factor, *, unit: bool = Tru
 
 
 def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) -> str:
-    """Return settings in one line, to the digits of the recommended ones."""
-    spreads = ((f, setting_spread(setting_posterior(analysis, f))) for f in analysis.region.factors)
-    return ", ".join(f"{readable(f.name)} {format_setting(f, settings[f.name], spread)}" for f, spread in spreads)
+    """Return settings in one line, the recommended ones to the digits that the report gives them."""
+    best = analysis.optimum.settings
+    told = (
+        optimum_setting_text(analysis, f) if settings[f.name] == best[f.name] else format_setting(f, settings[f.name])
+        for f in analysis.region.factors
+    )
+    return ", ".join(f"{readable(f.name)} {text}" for f, text in zip(analysis.region.factors, told, strict=True))
 
 
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:
@@ -347,7 +351,7 @@ def parts_of_width(analysis: Analysis) -> str:
     if best.ground is None:
         return ""
     chance, ground = (format_significant(part, 2) for part in (best.by_chance.half_width, best.of_ground))
-    return f"; sampling \u00b1 {chance}, tables \u00b1 {ground}"
+    return f"; sampling \u00b1\u00a0{chance}, tables \u00b1\u00a0{ground}"
 
 
 def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
@@ -364,9 +368,9 @@ def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
     whole, chance, ground = (half_width_text(analysis, width) for width in widths)
     left = " The target applies to sampling error only." if stop.worlds == "ignore" else ""
     return (
-        f"The {watched_interval(stop)}, \u00b1 {whole}, combines \u00b1 {chance} of sampling error with "
-        f"\u00b1 {ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated from "
-        f"{best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
+        f"The {watched_interval(stop)}, \u00b1\u00a0{whole}, combines \u00b1\u00a0{chance} of sampling error with "
+        f"\u00b1\u00a0{ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated "
+        f"from {best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
         f"table uncertainty; simulations do not.{left}"
     )
 

@@ -96,5 +96,5 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
         *map(factor_column, factors),
         "Rule met",
     )
-    caption = "Interval and optimum at each interim analysis; the stop rule holds where its other conditions hold, too"
+    caption = "Interval and optimum at each interim analysis. Rule met: all conditions of the stop rule"
     return table(caption, columns, rows, sortable=True)

@@ -306,8 +306,8 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
             named = [str(int(ids[run.run])) for run in study.influential[:MAX_NAMED]]
             more = len(study.influential) - len(named)
             found.append(
-                f"{counted(len(study.influential), 'run')} with a leverage above 2p/n = "
-                f"{2.0 * fit.rank / fit.n_runs:.2f}, a Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an "
+                f"{counted(len(study.influential), 'run')} with leverage above 2p/n = "
+                f"{2.0 * fit.rank / fit.n_runs:.2f}, Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an "
                 f"outlying residual: {listing([*named, f'{more} more'] if more else named)}."
             )
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0

@@ -304,7 +304,7 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
 
 
 def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
-    parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
+    parts = listing([f"{100.0 * share:.0f}\u00a0% {status}" for status, share in shares.items()])
     return Paragraph(f"Table values used {where}, by area of the scene: {parts}.")
 
 
