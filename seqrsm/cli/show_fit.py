@@ -127,10 +127,10 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     line(f"mean score {with_unit(known_text(best['mean']), unit)}")
     for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
         if kind in best:
-            width = with_unit(known_text(best[kind]["half_width"]), unit)
+            watched = kind == result["interval"]  # as the report: three digits of what is held against the target
+            width = with_unit(known_text(best[kind]["half_width"], 3 if watched else 2), unit)
             target = with_unit(format_plain(result["target_half_width"]), unit)
-            watched = f", target \u00b1 {target}" if kind == result["interval"] else ""
-            line(f"{words}: \u00b1 {width}{watched}", 2)
+            line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
     heading("Decision: stop" if look["held"] else "Decision: continue")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)
