@@ -5,25 +5,23 @@ folder, from the templates to the end, a command that occurs twice but once, and
 stands there; a comment
 ``<!-- lines FROM .. TO; FROM .. TO -->`` before a block keeps those parts of the last command's output, each from the
 first line that begins with FROM up to, and without, the next that begins with TO. The answers of the example campaigns
-come from ``reports/*/optimum.json``, the pictures of the walk-through go to ``reports/readme``. Lines with times and
+come from ``reports/*/report.html``, the pictures of the walk-through go to ``reports/readme``. Lines with times and
 versions differ from machine to machine; ``--check`` compares the rest.
 """
 
 from __future__ import annotations
 
+import html
 import io
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
@@ -31,6 +29,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / name for name in ("campaigns/README.md", "README.md", "reports/README.md")]
 BLOCK = re.compile(r"(?:<!-- lines (?P<kept>[^>]*) -->\n)?```console\n(?P<body>.*?)```\n", re.S)
 ANSWERS = re.compile(r"(<!-- answers -->\n).*?(<!-- /answers -->)", re.S)
+LEAD = re.compile(r'<p class="lead">((?:Recommended for|No setting is shown) .*?), the settings with the [^<]*</p>')
+FIGURE = re.compile(r'<dt>(.*?)</dt><dd><span class="value">(.*?)</span> <span class="detail">(.*?)</span>')
 VARIES = re.compile(r"\d s\b|\d s;|made .*Z|version|\d\.\d+ ms")
 PICTURES = {"image.png": "readme/image.png", "figures/history-of-half-width.png": "readme/half-width.png"}
 PICTURE_WIDTH = 760
@@ -103,36 +103,24 @@ def _parts(lines: Sequence[str], kept: str) -> list[str]:
 
 
 def _answers() -> str:
-    """What each example campaign found, from its report."""
+    """What each example campaign found, in the words and digits of its report."""
     rows = []
-    for file in sorted((ROOT / "reports").glob("*/optimum.json")):
-        applications = json.loads(file.read_text(encoding="utf-8"))["applications"]
-        spec = tomllib.loads((ROOT / "campaigns" / file.parent.name / "campaign.toml").read_text(encoding="utf-8"))
-        units = {factor["name"]: factor.get("unit", "") for factor in spec["factor"]}
-        answers = " ".join(_answer(one, units, alone=len(applications) == 1) for one in applications)
+    for file in sorted((ROOT / "reports").glob("*/report.html")):
+        page = file.read_text(encoding="utf-8")
+        answers = " ".join(_answer(page, found) for found in LEAD.finditer(page))
         rows.append(f"* [`{file.parent.name}`]({file.parent.name}/report.pdf): {answers}\n")
     return "".join(rows)
 
 
-def _answer(one: dict[str, Any], units: dict[str, str], *, alone: bool) -> str:
+def _answer(page: str, found: re.Match[str]) -> str:
     """What was found for one application, in two sentences."""
-    best, fresh = one["optimum"], one["confirmation"]
-    settings = ", ".join(
-        f"{name} {value:.3g} {units[name]}".rstrip() if isinstance(value, float) else f"{name} {value}"
-        for name, value in best["settings"].items()
+    figures = page[found.end() : page.index("</dl>", found.end())]
+    told = {label: (value, detail) for label, value, detail in FIGURE.findall(figures)}
+    text = (
+        f"{found[1]}. Mean score {told['Mean score'][0]}; one future run {told['One future run'][0]} "
+        f"({told['One future run'][1]}); {told['Runs in the fit'][0]} runs, {told['Decision'][1]}."
     )
-    future = best["prediction"]
-    verdict = "stop rule met" if one["stop"]["held"] else "stop rule not met yet"
-    if fresh is not None and not fresh["agrees"]:
-        low, high = fresh["interval"]["low"], fresh["interval"]["high"]
-        verdict += f", but confirmation runs contradict the model: {low:.3g} to {high:.3g}"
-    name = "" if alone else f"{one['application']}: "
-    scored = f"{best['mean']:.3g} {one['score_unit']}".rstrip()
-    return (
-        f"{name}{settings}. Mean score {scored}; one "
-        f"future run {future['low']:.3g} to {future['high']:.3g} (95 % prediction interval); {one['n_runs']} runs, "
-        f"{verdict}."
-    )
+    return html.unescape(text).replace("\u00a0", " ")
 
 
 def _small(source: Path, target: Path) -> None:

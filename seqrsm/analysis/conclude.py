@@ -327,7 +327,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
     found += [
-        f"Run {data.run_ids[run.run]} is unusual ({'; '.join(run.reasons)})."
+        f"Run {data.run_ids[run.run]} is unusual: {'; '.join(run.reasons)}."
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]

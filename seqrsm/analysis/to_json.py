@@ -124,6 +124,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
     return {
         **_of(analysis.fit, "n_runs", "s"),
         "optimum": optimum_to_json(analysis),
+        "settings_spread": {one.factor: 0.5 * (one.high - one.low) for one in analysis.posterior.settings},
         **_of(decision, "half_width"),
         **_of(analysis.data, "guess", "perfect"),
         **_of(decision, "noise_floor", "held", "reasons", "futility"),

@@ -317,9 +317,21 @@ def report_pictures(
         )
         for title, settings, picture, _, score in made
     )
-    notes = dict.fromkeys(note for _, _, _, own, _ in made for note in own)
     turns = made[0][2].quarter_turns if made else 0
-    return panels, turns, tuple(notes)
+    return panels, turns, _notes({title: own for title, _, _, own, _ in made}, scene.categories if made else ())
+
+
+def _notes(of_images: Mapping[str, Sequence[str]], covers: Sequence[str]) -> tuple[str, ...]:
+    """What the simulations assumed; where it is no cover's, and not of every image, with the image before it."""
+    about = tuple(f"{cover}{end}" for cover in covers for end in (" ", ":"))
+    shared = [note for own in of_images.values() for note in own if all(note in one for one in of_images.values())]
+    others = [
+        note if note.startswith(about) else f"{title}: {note}"
+        for title, own in of_images.items()
+        for note in own
+        if note not in shared
+    ]
+    return tuple(dict.fromkeys([*shared, *others]))
 
 
 def _on_ground(grey: AnyArray, picture: Picture) -> AnyArray:

@@ -269,7 +269,12 @@ def write_design(out: Path, design: Mapping[str, Any]) -> None:
     stream = io.StringIO(newline="")
     writer = csv.writer(stream)
     writer.writerow(design["names"])
-    for settings in design["settings"]:
-        cells = [settings[name] for name in design["names"]]
-        writer.writerow([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells])
+    columns = []
+    for name in design["names"]:
+        column = [settings[name] for settings in design["settings"]]
+        if not isinstance(column[0], str):
+            least = 1e-6 * max(map(abs, column))  # below it, the search's rounding of zero
+            column = [f"{value if abs(value) >= least else 0.0:.12g}" for value in column]
+        columns.append(column)
+    writer.writerows(zip(*columns, strict=True))
     put(out, stream.getvalue().encode("utf-8"))

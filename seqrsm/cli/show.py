@@ -42,9 +42,9 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
             line(f"{one['folder']}: {one['error']}")
 
 
-def known_text(value: float | None) -> str:
+def known_text(value: float | None, digits: int = 3) -> str:
     """A stored score or half-width, which is None where there was none."""
-    return "-" if value is None else format_significant(value, 3)
+    return "-" if value is None else format_significant(value, digits)
 
 
 def run_row(run: RunRecord) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,6 @@ from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
-from seqrsm.design.factors import setting_with_unit
 from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
@@ -18,7 +18,7 @@ from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
-from seqrsm.report.wording import ground_name, parts_of_width, watched_interval, with_unit
+from seqrsm.report.wording import format_setting, ground_name, parts_of_width, readable, watched_interval, with_unit
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -45,12 +45,11 @@ def show_fit(
         if asked:
             line()
             show_blocks([term_test_table(asked)])
-    runs = campaign.store.runs()
     if not has_one_result(analyses, compromise):
-        show_sections(result_section(spec, one, runs, {}, "", one.application) for one in analyses)
+        show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
     if compromise is not None:
         show_sections([compromise_section(spec.factors, compromise)])
-    show_sections([summary_section(spec, analyses, compromise, runs)])
+    show_sections([summary_section(spec, analyses, compromise, campaign.store.runs())])
 
 
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
@@ -59,7 +58,7 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     runs, spec = campaign.store.runs(), campaign.spec
     if not has_one_result(outcome.analyses, outcome.compromise):
         rests = outcome.rests
-        show_sections(result_section(spec, one, runs, rests, "", one.application) for one in outcome.analyses)
+        show_sections(result_section(spec, one, rests, "", one.application) for one in outcome.analyses)
     show_sections([summary_section(spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
     events = campaign.store.events(kind=RANKED)
     measure = [measure_section(analysis, events, "measure") for analysis in outcome.analyses]
@@ -119,15 +118,19 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in spec.factors]
+    spreads = look.get("settings_spread", {})
+    rows = [
+        [readable(f.name), format_setting(f, best["settings"][f.name], spreads.get(f.name) or math.nan)]
+        for f in spec.factors
+    ]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
     line(f"mean score {with_unit(known_text(best['mean']), unit)}")
     for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
         if kind in best:
-            width = with_unit(known_text(best[kind]["half_width"]), unit)
+            watched = kind == result["interval"]  # as the report: three digits of what is held against the target
+            width = with_unit(known_text(best[kind]["half_width"], 3 if watched else 2), unit)
             target = with_unit(format_plain(result["target_half_width"]), unit)
-            watched = f", target \u00b1 {target}" if kind == result["interval"] else ""
-            line(f"{words}: \u00b1 {width}{watched}", 2)
+            line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
     heading("Decision: stop" if look["held"] else "Decision: continue")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

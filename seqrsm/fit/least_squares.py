@@ -413,7 +413,7 @@ def _reason(n: int, rank: int, sse: float, aliased: tuple[str, ...]) -> str:
     return "; ".join(reasons)
 
 
-_OUTLIER = 0.05  # familywise level of the outlier test
+OUTLIER = 0.05  # familywise level of the outlier test
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,11 +468,17 @@ def normal_plot(fit: LeastSquaresFit) -> NormalPlot:
     )
 
 
+def outlier_p(fit: LeastSquaresFit) -> FloatArray:
+    """P of Bonferroni's outlier test of each run: n p(|t|), t externally studentised; nan where it has none."""
+    if fit.df_residual < 2:
+        return np.full(fit.n_runs, np.nan)
+    tested = np.count_nonzero(np.isfinite(fit.studentised))
+    chance: FloatArray = 2.0 * tested * stdtr(fit.df_residual - 1.0, -np.abs(fit.studentised))
+    return chance
+
+
 def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
     """Runs with Cook's distance above 4/n, leverage above 2p/n, or a residual that fails the outlier test.
-
-    The outlier test is Bonferroni's at 5 %: n p(|t|) < 0.05 with the externally studentised residual, Student-t with
-    ``df - 1`` degrees of freedom.
 
     Returns
     -------
@@ -480,6 +486,7 @@ def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
         The largest Cook's distance first.
     """
     n, p = fit.n_runs, fit.rank
+    chance, tested = outlier_p(fit), int(np.count_nonzero(np.isfinite(fit.studentised)))
     found = []
     for i in range(n):
         h, d, t = float(fit.leverage[i]), float(fit.cooks_distance[i]), float(fit.studentised[i])
@@ -489,11 +496,10 @@ def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
         elif h > 2.0 * p / n:
             reasons.append(f"high leverage ({h:.2f}, above 2p/n = {2.0 * p / n:.2f})")
         if d > 4.0 / n:
-            reasons.append(f"influential (Cook's distance {d:.2g}, above 4/n = {4.0 / n:.2g})")
-        if fit.df_residual > 1 and np.isfinite(t):
-            chance = 2.0 * n * float(stdtr(fit.df_residual - 1.0, -abs(t)))
-            if chance < _OUTLIER:
-                reasons.append(f"outlier (studentised residual {t:.1f}, p = {max(chance, 1e-6):.2g} over {n} runs)")
+            reasons.append(f"influential (Cook's distance {d:.3g}, above 4/n = {4.0 / n:.2g})")
+        if chance[i] < OUTLIER:
+            size = f"{t:.1f}".replace("-", "\u2212")
+            reasons.append(f"outlier (studentised residual {size}, p = {max(chance[i], 1e-6):.2g} over {tested} runs)")
         if reasons:
             found.append(InfluentialRun(i, h, d, t, tuple(reasons)))
     return tuple(sorted(found, key=lambda run: -run.cooks_distance if np.isfinite(run.cooks_distance) else -np.inf))

@@ -50,7 +50,7 @@ class Choice:
     @property
     def again(self) -> str:
         """To be added to the reason."""
-        return "; repeats settings already run" if self.executed else ""
+        return "; repeats settings run or proposed before" if self.executed else ""
 
 
 @dataclass(frozen=True, slots=True)

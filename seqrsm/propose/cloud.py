@@ -181,7 +181,7 @@ def propose_from_process(
                 cloud.points[chosen].copy(),
                 purpose,
                 float(value[chosen] + loss[chosen]),
-                why + "; repeats settings already run" * again,
+                why + "; repeats settings run or proposed before" * again,
                 again,
             )
         )

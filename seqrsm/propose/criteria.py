@@ -155,7 +155,7 @@ class Repeat(Optimum):
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         df = self.known.df_pure_error
-        why = f"repeats settings already run: pure error gets {df + 1} degrees of freedom instead of {df}"
+        why = f"repeats settings run or proposed before: pure error gets {df + 1} degrees of freedom instead of {df}"
         return "repeat", f"{why}; {self.known.narrowing(choice.row)}"
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import seqrsm
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.report.blocks import Block, Details, FigureBlock, Paragraph, Report, Section, Table
+from seqrsm.report.blocks import Block, Details, Equation, FigureBlock, Paragraph, Report, Section, Table
 from seqrsm.report.profile import profile_text
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.candidates import candidate_section
@@ -58,9 +58,7 @@ def build_report(dossier: Dossier) -> Report:
         else:
             parts.insert(
                 0,
-                result_section(
-                    spec, analysis, runs, dossier.rests, f"{key}-result", "Optimum for this application alone"
-                ),
+                result_section(spec, analysis, dossier.rests, f"{key}-result", "Optimum for this application alone"),
             )
             sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
             methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))
@@ -80,8 +78,10 @@ def build_report(dossier: Dossier) -> Report:
         run_section(dossier) if runs else None,
     )
     shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
+    shown = list(_once(shown, set()))
     if alone:
-        shown[1] = replace(shown[1], new_page=True)  # the summary of one application fills a page
+        # The summary of one application fills a page; with several, the appendix has no page to itself.
+        shown[1], shown[-1] = replace(shown[1], new_page=True), replace(shown[-1], new_page=True)
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
@@ -95,6 +95,22 @@ def build_report(dossier: Dossier) -> Report:
 
 def _there(sections: Iterable[Section | None]) -> tuple[Section, ...]:
     return tuple(section for section in sections if section is not None)
+
+
+def _once(sections: Iterable[Section], told: set[str]) -> Iterator[Section]:
+    """Leave out what an earlier section tells in the same words: how something is found for a second application."""
+    for section in sections:
+        blocks: list[Block] = []
+        for block in section.blocks:
+            how = block.math if isinstance(block, Equation) else block.method if isinstance(block, Paragraph) else ""
+            if how in told:
+                if isinstance(block, Paragraph) and block.text:
+                    blocks.append(replace(block, method=""))
+                continue
+            if how:
+                told.add(how)
+            blocks.append(block)
+        yield replace(section, blocks=tuple(blocks), sections=tuple(_once(section.sections, told)))
 
 
 def _state_text(dossier: Dossier) -> str:
@@ -116,7 +132,7 @@ def _numbered(sections: Iterable[Section], figures: Iterator[int], tables: Itera
         found: dict[int, list[str]] = {}
         before = 0
         for place, block in enumerate(blocks):
-            if isinstance(block, Paragraph):
+            if isinstance(block, Paragraph) and block.tone != "warning":
                 before = place
             blocks[place], names = _captioned(block, figures, tables)
             if names:
@@ -139,7 +155,7 @@ def _together(names: list[str]) -> str:
         if numbers:
             run = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
             shown = f"{numbers[0]} to {numbers[-1]}" if run else listing(numbers)
-            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''} {shown}")
+            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''}\u00a0{shown}")
     return " and ".join(parts)
 
 

@@ -79,6 +79,12 @@ def _signed(text: str) -> str:
     return text
 
 
+def format_change(value: float, decimals: int) -> str:
+    """Format a change: with its sign, unless it rounds to zero."""
+    text = format_number(value, decimals)
+    return f"+{text}" if value > 0.0 and text.strip("0.") else text
+
+
 def format_significant(value: float, digits: int = 3) -> str:
     """Format a value to a number of significant digits."""
     return format_number(value, decimals_of_significant(value, digits))
@@ -90,7 +96,7 @@ def format_plus_minus(value: float, uncertainty: float, decimals: int | None = N
         decimals = decimals_for(uncertainty, decimals_of_significant(value, 3))
     if not math.isfinite(uncertainty):
         return format_number(value, decimals)
-    return f"{format_number(value, decimals)} \u00b1 {format_number(abs(uncertainty), decimals)}"
+    return f"{format_number(value, decimals)}\u00a0\u00b1\u00a0{format_number(abs(uncertainty), decimals)}"
 
 
 def format_range(low: float, high: float, decimals: int | None = None) -> str:

@@ -126,15 +126,6 @@ def format_setting(factor: Factor, value: float | str, spread: float = math.nan,
     return with_unit(text, factor.unit if unit else "")
 
 
-def format_settings(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
-    """Format all settings in one line: ``"frequency 9.4 GHz, polarization HV"``."""
-    return ", ".join(
-        f"{readable(factor.name)} {format_setting(factor, settings[factor.name])}"
-        for factor in factors
-        if factor.name in settings
-    )
-
-
 def describe_factor(factor: Factor) -> tuple[str, str]:
     """Kind and allowed values of a factor in words."""
     if isinstance(factor, CategoricalFactor):
@@ -303,6 +294,16 @@ def optimum_setting_text(analysis: Analysis, factor: Factor, *, unit: bool = Tru
     return format_setting(factor, analysis.optimum.settings[factor.name], spread, unit=unit)
 
 
+def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) -> str:
+    """Return settings in one line, the recommended ones to the digits that the report gives them."""
+    best = analysis.optimum.settings
+    told = (
+        optimum_setting_text(analysis, f) if settings[f.name] == best[f.name] else format_setting(f, settings[f.name])
+        for f in analysis.region.factors
+    )
+    return ", ".join(f"{readable(f.name)} {text}" for f, text in zip(analysis.region.factors, told, strict=True))
+
+
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:
     """Return the credible interval of an optimal setting, or the probabilities of the levels."""
     posterior = setting_posterior(analysis, factor)
@@ -350,7 +351,7 @@ def parts_of_width(analysis: Analysis) -> str:
     if best.ground is None:
         return ""
     chance, ground = (format_significant(part, 2) for part in (best.by_chance.half_width, best.of_ground))
-    return f"; sampling \u00b1 {chance}, tables \u00b1 {ground}"
+    return f"; sampling \u00b1\u00a0{chance}, tables \u00b1\u00a0{ground}"
 
 
 def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
@@ -367,9 +368,9 @@ def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
     whole, chance, ground = (half_width_text(analysis, width) for width in widths)
     left = " The target applies to sampling error only." if stop.worlds == "ignore" else ""
     return (
-        f"The {watched_interval(stop)}, \u00b1 {whole}, combines \u00b1 {chance} of sampling error with "
-        f"\u00b1 {ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated from "
-        f"{best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
+        f"The {watched_interval(stop)}, \u00b1\u00a0{whole}, combines \u00b1\u00a0{chance} of sampling error with "
+        f"\u00b1\u00a0{ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated "
+        f"from {best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
         f"table uncertainty; simulations do not.{left}"
     )
 

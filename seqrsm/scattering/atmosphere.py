@@ -167,7 +167,10 @@ def make_atmosphere(
     prefix = _PREFIX[atmosphere]
     dry, wet = (_at(nodes, f"{prefix}_{part}_db", frequency_ghz) for part in ("dry", "wet"))
     depth_db = dry * _exponential(_DRY_SCALE_KM) + wet * _exponential(_WET_SCALE_KM)
-    notes = [f"atmosphere {atmosphere}, {weather}; zenith loss of its gases {dry + wet:.3g} dB (computed table)"]
+    notes = [
+        f"atmosphere {atmosphere.replace('_', ' ')}, {weather}; zenith loss of its gases {dry + wet:.3g} dB at "
+        f"{frequency_ghz:.3g} GHz (computed table)"
+    ]
     if weather != "clear":
         depth_db = depth_db + cloud_kg_m2 * cloud_db_per_kg_m2(frequency_ghz) * _slab(*_CLOUD_KM)
         notes.append(f"cloud of {cloud_kg_m2:g} kg/m2 from 1 to 2 km at 10 C (assumed)")

@@ -165,13 +165,15 @@ class _Parameters:
         raise KeyError(name)  # a gap in the shipped file, not a user's error
 
     def note(self) -> str:
-        return ", ".join(
-            f"{row.text('parameter')} {row.text('value')}"
-            + (f" at {row.text('frequency_ghz')} GHz" if row.text("frequency_ghz") else "")
-            + (f" {row.text('polarization')}" if row.text("polarization") else "")
-            + f" ({row.text('status')})"
-            for row in self.rows
-        )
+        told: dict[str, list[str]] = {}
+        for row in self.rows:
+            name, value = row.text("parameter"), row.text("value").replace("-", "\u2212")
+            unit = next((unit for unit in ("dB", "m") if name.endswith(f"_{unit.lower()}")), "")
+            name = name.removesuffix(f"_{unit.lower()}").replace("_", " ").replace("hh below vv", "HH below VV")
+            where = f" at {row.text('frequency_ghz')} GHz" if row.text("frequency_ghz") else ""
+            text = f"{name} {value} {unit}".rstrip() + f"{where} {row.text('polarization')}".rstrip()
+            told.setdefault(row.text("status"), []).append(text)
+        return "; ".join(f"{', '.join(texts)} ({status})" for status, texts in told.items())
 
 
 def shipped_curves() -> dict[tuple[str, str], Curve]:

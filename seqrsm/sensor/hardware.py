@@ -101,8 +101,9 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
         path = 0.5 * float(near_slant + far_slant) * math.tan(radar.centre_incidence_rad)
         needed = 4.0 * radar.speed_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
-        told = f"{radar.antenna_gain_db:g} dB are {area:.3g} m2 of antenna, free of ambiguities are {needed:.3g} m2"
-        found.append(Limit("aperture against ambiguities", area / needed, told))
+        told = f"a gain of {radar.antenna_gain_db:g} dB is {area:.3g} m2 of antenna; ambiguities allow no less than "
+        told += f"{needed:.3g} m2"
+        found.append(Limit("antenna area against ambiguities", area / needed, told))
     if radar.altitude_m > _LOWEST_ORBIT_M:
         orbit = orbit_speed_m_s(radar.altitude_m)
         margin = min(radar.speed_m_s / orbit, orbit / radar.speed_m_s) / 0.9

@@ -81,7 +81,7 @@ class GreyScale:
 
     def __str__(self) -> str:
         ends = (linear_to_db(x) if self.unit == "dB" else x for x in (self.black, self.white))
-        return " to ".join(f"{x:.1f}" for x in ends) + f" {self.unit}"
+        return " to ".join(f"{x:.1f}".replace("-", "\u2212") for x in ends) + f" {self.unit}"
 
 
 def picture_of(image: RadarImage | RadiometerImage) -> Picture:

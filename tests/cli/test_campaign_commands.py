@@ -344,7 +344,7 @@ def test_check_says_what_cannot_be_built(tmp_path, tiny_scene) -> None:
 def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     found = json.loads(ok("check", copy, "--json"))["hardware"]
     assert [one.partition(",")[0] for one in found] == [
-        *("swath against pulse rate", "gain against beam", "aperture against ambiguities", "data rate"),
+        *("swath against pulse rate", "gain against beam", "antenna area against ambiguities", "data rate"),
     ]
     assert all("margin" in one for one in found[:-1])
     assert "4 bits (assumed)" in found[-1]

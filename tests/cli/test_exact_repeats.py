@@ -55,7 +55,7 @@ def test_a_repeat_has_the_settings_of_the_run_to_the_last_digit(case: str, tmp_p
     factors, rows, more, source = CASES[case]
     folder = make(tmp_path / "c", factors, rows, more, MEASURED)
     runs = proposed(folder, 12, source)
-    repeats = [run for run in runs if "repeats settings already run" in run.why or run.purpose == "tie"]
+    repeats = [run for run in runs if "repeats settings run or proposed before" in run.why or run.purpose == "tie"]
     assert repeats
     names = [name for name in (*NAMES, "pol") if name in rows[0]]
     made = {tuple(row[name] for name in names) for row in rows}
@@ -77,7 +77,7 @@ def test_pure_error_gets_what_a_repeat_promises(tmp_path: Path) -> None:
     (before,) = campaign.analyse_all(n_draws=200)
     batch = next_batch(campaign.spec, [before], campaign.store.runs(), 8, "simulation")
     campaign.store.close()
-    repeats = sum("repeats settings already run" in run.why for run in batch)
+    repeats = sum("repeats settings run or proposed before" in run.why for run in batch)
     assert repeats > 0
     rng = np.random.default_rng(1)
     again = [{name: run.settings[name] for name in NAMES} | {"score": round(70 + rng.normal(), 3)} for run in batch]

@@ -285,7 +285,7 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
         capsys,
     )
     (small,) = _measured(studied.analyses[0], 0.0032, -0.0021).blocks[-1].rows
-    assert small[2].text == "+0.0032 / -0.0021"  # of a skill between 0 and 1
+    assert small[2].text == "+0.0032 / \u22120.0021"  # of a skill between 0 and 1
 
 
 def _measured(analysis: Analysis, up: float = 6.0, down: float = 1.5) -> Section:

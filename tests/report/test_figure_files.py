@@ -32,9 +32,7 @@ def table(path):
 def test_every_picture_has_four_files_and_a_caption(folder):
     names = [row["file"] for row in table(folder / "captions.csv")]
     assert len(names) == len(set(names))
-    assert {"surface-depression-angle-against-frequency", "slice-polarization", "intervals", "coefficients"} <= set(
-        names
-    )
+    assert {"surface-depression-angle-against-frequency", "slice-polarization", "intervals"} <= set(names)
     assert {"image-at-the-optimum-hv", "ground-truth", "history-of-half-width"} <= set(names)
     expected = {f"{name}{suffix}" for name in names for suffix in (".svg", ".pdf", ".png", ".csv")} | {"captions.csv"}
     assert {path.name for path in folder.iterdir()} == expected

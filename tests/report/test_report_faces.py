@@ -162,7 +162,7 @@ def test_figures_and_tables_are_numbered_in_their_order_and_referred_to(report, 
             told = []
             for block in all_blocks(made.sections):
                 if isinstance(block, Paragraph):
-                    for run in re.findall(rf"\b{word}s? (\d[\d, and to]*)", block.method):
+                    for run in re.findall(rf"\b{word}s?\u00a0(\d[\d, and to]*)", block.method):
                         first, to, last = run.strip(" ,adnot").partition(" to ")
                         told += range(int(first), int(last) + 1) if to else map(int, re.findall(r"\d+", run))
             assert sorted(told) == list(range(1, len(captions) + 1))

@@ -10,7 +10,6 @@ from seqrsm.report.wording import (
     fixed_label,
     fixed_unit,
     format_setting,
-    format_settings,
     readable,
     readable_term,
     readable_text,
@@ -56,7 +55,7 @@ def test_terms_of_sensor_parameters_do_not_look_like_units():
     assert readable("walking_speed_km_h") == "walking speed km h"
     altitude = ContinuousFactor("altitude_m", 1000.0, 3000.0, "m")
     assert axis_label(altitude) == "altitude [m]"
-    assert format_settings((altitude,), {"altitude_m": 2000.0}) == "altitude 2000\u00a0m"
+    assert format_setting(altitude, 2000.0) == "2000\u00a0m"
 
 
 def test_factors_are_readable_in_sentences_of_others():

@@ -122,9 +122,9 @@ Versions: {versions}.
 BUDGET = """
 ## Regret when the budget is spent
 
-40 runs ("sparse": 60). The answer is the setting with the best mean score under the driver's own model (`ax`: its best
-parameterization, one of the runs made; `optuna_gp`: by BoTorch's model of the runs that Optuna chose). *Regret*: the
-largest true mean minus the true mean at the answer, in points; median ± its standard error (bootstrap over campaigns).
+40 runs ("sparse": 60). The answer is the setting with the best mean score under the driver's own model
+(`optuna_gp`: by BoTorch's model of the runs that Optuna chose). *Regret*: the largest true mean minus the true mean at
+the answer, in points; median ± its standard error (bootstrap over campaigns).
 """
 PAIRED = """
 Regret of a package minus that of `seqrsm`, paired by seed: median of the differences ± its standard error. Above
@@ -134,7 +134,7 @@ WIDTHS = """
 ## Intervals of the mean score at the answer
 
 Median half-width of the 95 % interval [points] and its coverage of the true mean (packages: 1.96 posterior standard
-deviations about the mean of their model; for `ax`, only campaigns in which it gives an interval).
+deviations about the mean of their model).
 """
 STOP = """
 ## Results of seqrsm at its stop rule

@@ -168,7 +168,7 @@ def test_runs_are_settings_of_the_region(region: Region) -> None:
         again = bool(np.any(np.all(np.isclose(made, one.point, atol=1e-9), axis=1)))
         earlier = [other for other in found if np.array_equal(other.point, one.point)]
         assert one.repeats == (again or one is not earlier[0])
-        assert one.repeats == ("repeats settings already run" in one.why)
+        assert one.repeats == ("repeats settings run or proposed before" in one.why)
 
 
 def test_runs_made_outside_the_region_are_not_repeated() -> None:

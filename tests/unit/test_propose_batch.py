@@ -245,7 +245,7 @@ def test_settings_executed_that_are_the_best_again_are_a_repeat() -> None:
     )  # fmt: skip
     assert np.all(np.abs(found.point) == 1.0)
     assert found.repeats
-    assert found.why.endswith("repeats settings already run")
+    assert found.why.endswith("repeats settings run or proposed before")
 
 
 def test_pending_runs_count_like_scored_ones() -> None:

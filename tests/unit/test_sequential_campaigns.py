@@ -586,7 +586,7 @@ def test_what_the_process_asks_for_again_has_the_settings_that_were_made(campaig
     made = campaign(spec_text(ALL_KINDS, "half_width = 1.0\nmax_runs = 24"), slope)
     run_campaign(made)
     runs = made.store.runs()
-    again = [run for run in runs if "repeats settings already run" in run.why]
+    again = [run for run in runs if "repeats settings run or proposed before" in run.why]
     assert again
     for run in again:
         assert run.purpose in ("optimum", "regret")

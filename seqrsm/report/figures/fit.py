@@ -1,4 +1,4 @@
-"""Coefficients, residuals, importance, how the campaign converged: results in, drawings and their numbers out."""
+"""Residuals, crop calendar, how the campaign converged: results in, drawings and their numbers out."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import FloatArray
 from seqrsm.fit.least_squares import LeastSquaresFit, normal_plot
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.optimum import Row, factor_column, run_texts, score_column, score_label
-from seqrsm.report.wording import readable_term, shortened
+from seqrsm.report.figures.optimum import factor_column, run_texts, score_column, score_label
 from seqrsm.store.records import LookRecord
 
 if TYPE_CHECKING:
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
     from seqrsm.campaign.rests_on import CropCalendar
-
-MAX_COEFFICIENTS = 24
 
 
 def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
@@ -47,56 +44,6 @@ def calendar_data(calendar: CropCalendar, channel: int) -> PanelData:
     """Backscatter of crops over the year in one channel."""
     rows = zip(range(1, 366), *calendar.sigma0_db[channel].tolist(), strict=True)
     return PanelData(("day", *(f"{crop} [dB]" for crop in calendar.crops)), tuple(rows))
-
-
-def drawn_coefficients(analysis: Analysis) -> list[int]:
-    """Coefficients to draw: all but the intercept, or the ``MAX_COEFFICIENTS`` that are most standard errors from 0."""
-    fit, p = analysis.fit, analysis.model.p
-    indices = [i for i in range(p) if fit.kinds[i] != "intercept" and np.isfinite(fit.estimate[i])]
-    if len(indices) > MAX_COEFFICIENTS:
-        weight = np.abs(np.nan_to_num(fit.t, nan=0.0))
-        indices = sorted(sorted(indices, key=lambda i: -weight[i])[:MAX_COEFFICIENTS])
-    return indices
-
-
-def paint_coefficients(analysis: Analysis, indices: Sequence[int], axes: Axes) -> None:
-    """Draw some coded coefficients with their confidence and credible intervals."""
-    fit = analysis.fit
-    chosen = np.array(indices, dtype=np.intp)
-    position = np.arange(len(indices), dtype=np.float64)[::-1]
-    band = fit.interval(analysis.optimum.level)
-    axes.axvline(0.0, color=drawing.MUTED, linewidth=0.8)
-    axes.hlines(position + 0.13, band.low[chosen], band.high[chosen], color=drawing.BLUE, linewidth=1.6)
-    axes.scatter(fit.estimate[chosen], position + 0.13, s=14, color=drawing.BLUE, zorder=3, linewidths=0)
-    draws = analysis.posterior.term_draws
-    if draws.shape[0]:
-        tail = 0.5 * (1.0 - analysis.optimum.level)
-        low, high = np.quantile(draws[:, chosen], [tail, 1.0 - tail], axis=0)
-        axes.hlines(position - 0.17, low, high, color=drawing.ORANGE, linewidth=1.6, linestyle=(0, (3, 1)))
-        axes.scatter(
-            np.mean(draws[:, chosen], axis=0), position - 0.17, s=14, marker="s", color=drawing.ORANGE, zorder=3, lw=0
-        )
-    axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7)
-    axes.set_ylim(-0.7, len(indices) - 0.3)
-    unit = "logit" if analysis.scale.kind == "logit" else shortened(analysis.score_unit, 20) or "score"
-    axes.set_xlabel(f"coded coefficient [{unit}]")
-    axes.grid(visible=True, axis="x")
-
-
-def coefficient_data(analysis: Analysis) -> PanelData:
-    """Coded coefficients with confidence and credible intervals."""
-    fit, draws = analysis.fit, analysis.posterior.term_draws
-    band = fit.interval(analysis.optimum.level)
-    tail = 0.5 * (1.0 - analysis.optimum.level)
-    rows: list[Row] = []
-    for i, name in enumerate(fit.names):
-        known = draws.shape[0] > 0 and i < draws.shape[1]
-        ends = np.quantile(draws[:, i], [tail, 1.0 - tail]) if known else np.full(2, math.nan)
-        mean = float(np.mean(draws[:, i])) if known else math.nan
-        numbers = (fit.estimate[i], fit.se[i], band.low[i], band.high[i], mean, *ends)
-        rows.append((name, *(float(number) for number in numbers)))
-    names = ("estimate", "se", "confidence low", "confidence high", "posterior mean", "credible low", "credible high")
-    return PanelData(("term", *names), tuple(rows))
 
 
 def residual_paints(analysis: Analysis) -> tuple[tuple[str, Callable[[Axes], None]], ...]:
@@ -251,15 +198,3 @@ def _whole_numbers(axis: Axis) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axis.set_major_locator(MaxNLocator(6, integer=True))
-
-
-def outliers(studentised: FloatArray, df_residual: int) -> BoolArray:
-    """Which runs are outliers at 5 % over all runs (Bonferroni; each residual has Student's t with df - 1)."""
-    from scipy.special import stdtr
-
-    n = int(np.count_nonzero(np.isfinite(studentised)))
-    if n == 0 or df_residual < 2:
-        return np.zeros(studentised.shape, dtype=np.bool_)
-    p = 2.0 * stdtr(float(df_residual - 1), -np.abs(np.nan_to_num(studentised)))
-    flagged: BoolArray = n * p < 0.05
-    return flagged

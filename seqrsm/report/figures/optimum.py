@@ -16,7 +16,7 @@ from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, Num
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
-from seqrsm.report.rounding import format_number
+from seqrsm.report.rounding import format_range
 from seqrsm.report.wording import axis_label, level_labels, score_decimals, shortened, with_unit
 
 if TYPE_CHECKING:
@@ -299,13 +299,10 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
         y = len(intervals) - 1 - place
         axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
         axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
-        # Over a long bar the numbers have room, and do not run into the target's lines.
-        long = one.half_width > 0.6 * max(widest, stop.half_width if near else 0.0)
-        sides = ("left", "right") if long else ("right", "left")
-        for end, side in zip((one.low, one.high), sides, strict=True):
-            if np.isfinite(end):
-                text = format_number(end, score_decimals(analysis))
-                axes.annotate(text, (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points")
+        if np.isfinite(one.half_width):
+            # Over the middle, where the target's lines are not.
+            text, middle = format_range(one.low, one.high, score_decimals(analysis)), 0.5 * (one.low + one.high)
+            axes.annotate(text, (middle, y), ha="center", va="bottom", xytext=(0, 4), textcoords="offset points")
     for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
         axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
     names = [name.replace(", ", ",\n") for name, _ in intervals]

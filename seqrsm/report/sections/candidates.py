@@ -67,10 +67,13 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
         rule = (
             f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
         )
+    optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], 1), unit)}"
+    if found.get("simulated") is not None:
+        simulated = with_unit(format_number(found["simulated"], 1), unit)
+        optimum += f" by the fit and {simulated} on the occasions on which candidates are simulated"
     blocks: list[Block] = [
         Paragraph(
-            f"{rule}, for {runs} over one ground. The optimum's score is "
-            f"{with_unit(format_number(found['optimum'], 1), unit)}.",
+            f"{rule}, for {runs} over one ground. {optimum}.",
             method=" Candidates are simulated with their own noise, angles, looks, cell and dates at the near edge, "
             "middle and far edge of their swath, on the same occasions and table draws as the optimum. Those that "
             "differ only in factors, within the region, are evaluated on the fitted surface.",

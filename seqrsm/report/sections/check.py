@@ -11,6 +11,7 @@ from seqrsm.campaign.check import CheckResult
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.sources import group_notes
+from seqrsm.report.wording import with_unit
 
 
 def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, ...]:
@@ -26,7 +27,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         each, total = format_significant(result.seconds_per_run, 2), result.seconds_per_run * result.max_runs
         items.append(("simulation time here", f"{each} s a run; {_duration(total)} for the budget"))
     known = math.isfinite(result.noise)
-    items.append(("run-to-run standard deviation", format_significant(result.noise) if known else result.noise_source))
+    scatter = with_unit(format_significant(result.noise), result.unit) if known else result.noise_source
+    items.append(("run-to-run standard deviation", scatter))
     if result.ground_share > 0.0:
         items.append(("variance from table uncertainty", f"{format_significant(100.0 * result.ground_share, 2)} %"))
     if known:

@@ -27,6 +27,7 @@ from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, decimals_of_significant, format_number, format_range
 from seqrsm.report.wording import (
     axis_label,
+    factor_column,
     format_setting,
     level_text,
     listing,
@@ -133,7 +134,8 @@ def _loss_table(found: CompromiseEstimate) -> Table:
         )
     titles = ("At compromise", "At own optimum", "Given up", f"{level_text(found.level)} credible interval")
     columns: tuple[Head, ...] = ("Objective", *map(right, titles), right("Desirability"))
-    return table("Cost of the compromise to each objective", columns, rows)
+    caption = "Cost of the compromise to each objective, by fitted scores not corrected for selection bias"
+    return table(caption, columns, rows)
 
 
 def _places(item: GivenUp) -> int:
@@ -154,7 +156,10 @@ def _front_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Table:
         )
         for i in chosen
     ]
-    columns: tuple[Head, ...] = (*map(axis_label, factors), *(right(item.name, item.unit) for item in found.given_up))
+    columns: tuple[Head, ...] = (
+        *map(factor_column, factors),
+        *(right(item.name, item.unit) for item in found.given_up),
+    )
     caption = "Settings on the Pareto front"
     if len(chosen) < count:
         caption += f", {len(chosen)} of {count}"

@@ -165,8 +165,6 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
     if told:
         caption += f"; all runs: {', '.join(told)}"
     columns, rows = [columns[i] for i in kept], [tuple(row[i] for i in kept) for row in rows]
-    if any(run.purpose == "confirmation" for run in dossier.runs):
-        caption += "; confirmation runs test the fit and are not part of it"
     return Table(tuple(columns), tuple(rows), caption, sortable=True)
 
 

@@ -96,4 +96,5 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
         *map(factor_column, factors),
         "Rule met",
     )
-    return table("Interval and optimum at each interim analysis", columns, rows, sortable=True)
+    caption = "Interval and optimum at each interim analysis. Rule met: all conditions of the stop rule"
+    return table(caption, columns, rows, sortable=True)

@@ -300,7 +300,7 @@ def _agreement(found: Literature) -> str:
     counts = Counter(row.verdict for row in found.comparisons)
     comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
     if not comparable:
-        return "Their values cannot be compared with this campaign's."
+        return "What they print cannot be compared with this campaign's settings."
     words = [
         f"{readable(row.parameter)} {row.verdict}"
         for row in found.comparisons

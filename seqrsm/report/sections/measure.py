@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from seqrsm.analysis.ground import RANKED, ranked_values
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
-from seqrsm.report.rounding import decimals_of_significant, format_significant
+from seqrsm.report.rounding import decimals_of_significant, format_change, format_significant
 from seqrsm.report.wording import half_width_text, score_decimals
 from seqrsm.store.records import EventRecord
 
-_SHOWN = 8
+_SHOWN = 10
 
 
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
@@ -43,7 +43,7 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         (
             value["category"],
             f"\u00b1 {format_significant(value['mean_sd'], 2)}{f' {unit}' if unit else ''}",
-            f"{value['up']:+.{places}f} / {value['down']:+.{places}f}",
+            f"{format_change(value['up'], places)} / {format_change(value['down'], places)}",
             f"{100.0 * value['share']:.0f} %",
             with_less(0.75 * value["share"]),
         )
@@ -58,14 +58,15 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     )
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     head = (
-        "Sensitivity of the score at the recommended settings to each cover's tabulated mean: the change when that "
-        "mean is one standard deviation higher or lower, and the cover's share of the table uncertainty. The "
-        f"stop-rule half-width is {half_width_text(analysis, total)}. Halving the standard deviation of one mean "
-        "reduces it to the last column; one flight over the site reduces it to "
+        f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
         f"{with_less(of_ground / (of_ground + chance))}."
     )
-    return Section(
-        key,
-        "Which covers to measure",
-        (Paragraph(head), table("Covers by their share of the table uncertainty", columns, rows)),
+    how = (
+        " For each cover: the change of the score at the recommended settings when its tabulated mean is one standard "
+        "deviation higher or lower, its share of the table uncertainty, and the half-width that would be left if that "
+        "standard deviation were halved."
     )
+    caption = "Covers by their share of the table uncertainty"
+    if len(values) > _SHOWN:
+        caption += f", the {_SHOWN} of {len(values)} with the largest"
+    return Section(key, "Which covers to measure", (Paragraph(head, method=how), table(caption, columns, rows)))

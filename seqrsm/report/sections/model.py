@@ -9,6 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.fit.intervals import LackOfFit
+from seqrsm.fit.least_squares import OUTLIER, outlier_p
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -27,11 +28,6 @@ from seqrsm.report.blocks import (
 )
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.fit import (
-    MAX_COEFFICIENTS,
-    coefficient_data,
-    drawn_coefficients,
-    outliers,
-    paint_coefficients,
     residual_data,
     residual_paints,
 )
@@ -98,8 +94,6 @@ def model_section(analysis: Analysis, key: str) -> Section:
     blocks.append(_anova_table(analysis))
     blocks.append(Paragraph(_lack_of_fit_text(analysis)))
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
-    if analysis.model.p > 1:
-        blocks.append(_coefficient_figure(analysis))
     blocks += by_block(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
 
@@ -198,23 +192,6 @@ _NOT_COVERED = (
 )
 
 
-def _coefficient_figure(analysis: Analysis) -> FigureBlock:
-    indices = drawn_coefficients(analysis)
-    shown = len(indices)
-    total = sum(kind not in ("intercept", "block") for kind in analysis.fit.kinds)
-    level = level_phrase(analysis)
-    caption = (
-        f"Coefficients in coded units. Blue dots and solid lines: least squares with {level} confidence intervals; "
-        f"orange squares and dashed lines: posterior means with {level} credible intervals."
-    )
-    if shown < total:
-        caption += f" {MAX_COEFFICIENTS} of {total} coefficients are drawn, those with the largest |t|."
-    alt = f"Dot plot of {shown} coefficients with their intervals; the table of coefficients gives the numbers."
-    paint, data = partial(paint_coefficients, analysis, indices), partial(coefficient_data, analysis)
-    panel = drawing.panel("", alt, paint, "coefficients", data, width_in=4.0, height_in=0.8 + 0.15 * shown)
-    return FigureBlock((panel,), caption, columns=2)
-
-
 def _coefficient_table(analysis: Analysis) -> Table:
     fit = analysis.fit
     band = fit.interval(analysis.optimum.level)
@@ -307,7 +284,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
 
 def _findings(analysis: Analysis) -> tuple[str, ...]:
     fit, ids = analysis.fit, analysis.data.run_ids
-    flagged = ids[outliers(fit.studentised, fit.df_residual)]
+    flagged = ids[outlier_p(fit) < OUTLIER]
     found = []
     if flagged.size:
         found.append(f"Outliers (5 % level, Bonferroni): {_runs(flagged)}.")
@@ -325,11 +302,14 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
             found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
         far = "an extrapolation: their leverage exceeds every run's" if study.extrapolated else "not an extrapolation"
         found.append(f"The recommended settings are {far}.")
-        known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}
-        found += [f"Run {run}: {'; '.join(reasons)}." for run, reasons in known.items()]
-        if len(study.influential) > MAX_NAMED:
-            more = counted(len(study.influential) - MAX_NAMED, "more run is", "more runs are")
-            found.append(f"{more} influential or poorly fitted.")
+        if study.influential:
+            named = [str(int(ids[run.run])) for run in study.influential[:MAX_NAMED]]
+            more = len(study.influential) - len(named)
+            found.append(
+                f"{counted(len(study.influential), 'run')} with leverage above 2p/n = "
+                f"{2.0 * fit.rank / fit.n_runs:.2f}, Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an "
+                f"outlying residual: {listing([*named, f'{more} more'] if more else named)}."
+            )
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
     found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
     return tuple(found)
@@ -346,7 +326,7 @@ def _influence_table(analysis: Analysis) -> Table:
     places = decimals_for(fit.s / 4.0) if math.isfinite(fit.s) and fit.s > 0.0 else 3
     chosen = np.arange(fit.n_runs)
     if fit.n_runs > MAX_INFLUENCE_ROWS:
-        chosen = np.sort(np.argsort(-np.nan_to_num(fit.cooks_distance), kind="stable")[:MAX_INFLUENCE_ROWS])
+        chosen = np.argsort(-np.nan_to_num(fit.cooks_distance), kind="stable")[:MAX_INFLUENCE_ROWS]
     rows = (
         (
             whole_cell(int(data.run_ids[i])),
@@ -358,5 +338,9 @@ def _influence_table(analysis: Analysis) -> Table:
     )
     titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
     scale = ", on the logit scale" if analysis.scale.kind == "logit" else ""
-    share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(chosen) < fit.n_runs else ""
+    share = (
+        f", the {MAX_INFLUENCE_ROWS} of {fit.n_runs} runs with the largest Cook's distance"
+        if len(chosen) < fit.n_runs
+        else ""
+    )
     return table(f"Residuals and influence{scale}{share}", map(right, titles), rows, sortable=True)

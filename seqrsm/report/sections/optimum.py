@@ -52,7 +52,6 @@ from seqrsm.report.rounding import format_number, format_plus_minus, format_shar
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
-    format_settings,
     half_width_text,
     interval_text,
     level_phrase,
@@ -62,6 +61,7 @@ from seqrsm.report.wording import (
     optimum_setting_text,
     readable,
     readable_text,
+    rounded_settings,
     score_decimals,
     score_text,
     setting_range_text,
@@ -201,14 +201,14 @@ def _departure(analysis: Analysis) -> list[Block]:
         "factor and noise that may increase where scores are poorer, averaged over its hyperparameters. Its prior "
         f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
-    factor = f"log Bayes factor {found.log_bayes_factor:.1f}"
+    factor = f"log Bayes factor {format_number(found.log_bayes_factor, 1)}"
     if found.probability == 0.0:
         return [Paragraph(f"The scores favour the quadratic ({factor}). ", method=how)]
     alone = analysis.region.decode(analysis.of_quadratic.point)[0]
     text = (
         f"The probability that the surface is not quadratic is {format_share(found.probability)} ({factor}); settings "
         "and intervals average over both surfaces. The optimum of the quadratic alone is at "
-        f"{format_settings(analysis.region.factors, alone)}. "
+        f"{rounded_settings(analysis, alone)}. "
     )
     return [Paragraph(text, method=how)]
 

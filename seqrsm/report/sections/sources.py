@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -45,10 +44,10 @@ from seqrsm.report.sections.literature import system_of
 from seqrsm.report.wording import (
     axis_label,
     capital,
-    format_settings,
     format_value,
     listing,
     readable,
+    rounded_settings,
     slug,
     with_unit,
 )
@@ -144,7 +143,7 @@ def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
 
 
 def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) -> list[Panel]:
-    settings = format_settings(dossier.spec.factors, image.settings)
+    settings = rounded_settings(dossier.analyses[0], image.settings)
     score = _score(image, unit)
     factor = reduction(image.greytone.shape[1:], count)
     return [
@@ -174,7 +173,7 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
         size = _size_cells(cover.shape, dossier.scene.cell_m, count)
         rows.append(("Ground truth", "", "", *size))
     for image in dossier.images:
-        settings = format_settings(dossier.spec.factors, image.settings)
+        settings = rounded_settings(dossier.analyses[0], image.settings)
         size = _size_cells(image.greytone.shape[1:], image.pixel_m, count)
         rows.append((image.title, settings, _score(image, unit), *size))
     columns: tuple[Head, ...] = (
@@ -320,14 +319,8 @@ def provenance_section(dossier: Dossier) -> Section:
     if dossier.reproduce:
         blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
     if dossier.events:
-        counts = Counter(event.kind for event in dossier.events)
-        told = listing([f"{readable(kind)} ({count})" for kind, count in counts.items()])
-        blocks.append(
-            Paragraph(
-                f"Events of the campaign, by kind: {told}. Times are omitted so that the same campaign gives the same "
-                "report; seqrsm status --history and seqrsm export list them."
-            )
-        )
+        text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
+        blocks.append(Paragraph(text))
     if dossier.analyses:
         factors = dossier.spec.factors
         found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)

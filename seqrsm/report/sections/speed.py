@@ -23,9 +23,12 @@ from seqrsm.report.wording import ground_name, listing, number_cell, significant
 
 
 def speed_section(dossier: Dossier) -> Section | None:
-    """Return on which database each run was simulated, and the measured trade-off; None without a simulator."""
+    """Return how scenes were coarsened and what that cost; None where every run had the full scene."""
     simulator, measured = dossier.spec.simulator, dossier.tradeoff
     if simulator is None:
+        return None
+    grounds = simulated_by(dossier.runs)
+    if measured is None and simulator.tolerance == 0.0 and all(one["averaged"] == 1 for one in grounds):
         return None
     unit = dossier.spec.applications[0].score_unit
     how = "on the full scene"
@@ -33,7 +36,7 @@ def speed_section(dossier: Dossier) -> Section | None:
         accepted = with_unit(format_plain(simulator.tolerance), unit)
         how = f"on the coarsest scene whose measured rms error of the score is at most {accepted}"
     blocks: list[Block] = [Paragraph(f"Runs were simulated {how}.")]
-    rows = [(ground_name(one["averaged"]), whole_cell(one["runs"])) for one in simulated_by(dossier.runs)]
+    rows = [(ground_name(one["averaged"]), whole_cell(one["runs"])) for one in grounds]
     if rows:
         blocks.append(table("Resolution of the simulations", ("Scene", right("Runs")), rows))
     compared = [event.detail for event in dossier.events if event.kind == COARSENED]

@@ -28,7 +28,6 @@ from seqrsm.report.wording import (
     axis_label,
     capital,
     counted,
-    format_settings,
     ground_sentence,
     interval_text,
     level_phrase,
@@ -39,6 +38,7 @@ from seqrsm.report.wording import (
     optimum_setting_text,
     readable,
     readable_text,
+    rounded_settings,
     score_text,
     setting_range_text,
     source_counts,
@@ -81,7 +81,7 @@ def summary_section(
         note = "No application of this campaign has enough scored runs to fit its model yet."
         return Section("summary", "Summary", (Paragraph(note, "warning"),))
     if has_one_result(analyses, compromise):
-        found = result_section(spec, analyses[0], runs, rests or {}, "summary", "Summary")
+        found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", _made(spec, runs))
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
     blocks: list[Block] = [Paragraph(_question(spec, analyses))]
     if compromise is None:
@@ -90,11 +90,11 @@ def summary_section(
         blocks += compromise_summary(spec.factors, compromise)
     blocks.append(_own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
-    scored = [run for run in runs if run.state == "scored"]
+    made = _made(spec, runs)
     values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
     parts = (
         Section("summary-next", "Next steps", (Bullets(todo),)),
-        *((Section("summary-rests", "Basis", (_made(spec, scored), *values)),) if scored else ()),
+        *((Section("summary-rests", "Basis", (*made, *values)),) if made else ()),
     )
     return Section("summary", "Summary", tuple(blocks), parts)
 
@@ -107,18 +107,18 @@ def has_one_result(analyses: Sequence[Analysis], compromise: CompromiseEstimate 
 def result_section(
     spec: CampaignSpec,
     analysis: Analysis,
-    runs: Sequence[RunRecord],
     rests: Mapping[str, Mapping[str, float]],
     key: str,
     title: str,
+    made: tuple[Paragraph, ...] = (),
 ) -> Section:
-    """Return one application's result; the arguments are those of `summary_section`."""
+    """Return one application's result; ``made`` opens its basis, the other arguments are those of `summary_section`."""
     best, names = analysis.optimum, analysis.region.names
     blocks: list[Block] = []
     flat = [text for text in analysis.warnings if text.startswith(_FLAT)]
     blocks += [Paragraph(text, "lead") for text in flat]
     if best.ties and not best.ridge:
-        others = "; ".join(format_settings(analysis.region.factors, tie) for tie in best.ties[:_TIES])
+        others = "; ".join(rounded_settings(analysis, tie) for tie in best.ties[:_TIES])
         blocks.append(Paragraph(f"Equally good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "lead"))
     blocks.append(Paragraph(recommendation(analysis), "lead"))
     blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings if text not in flat]
@@ -127,9 +127,10 @@ def result_section(
     blocks.append(_settings_table(analysis))
     why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
     steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
+    basis = (*made, *_rests(spec, analysis, rests))
     parts = (
         Section(f"{key}-next", "Next steps", (Bullets(steps),)),
-        Section(f"{key}-rests", "Basis", tuple(_rests(spec, analysis, runs, rests))),
+        *((Section(f"{key}-rests", "Basis", basis),) if basis else ()),
     )
     return Section(key, title, tuple(blocks), parts)
 
@@ -293,12 +294,7 @@ def _loss_sentence(analysis: Analysis) -> str:
     return f"{text}."
 
 
-def _rests(
-    spec: CampaignSpec, analysis: Analysis, runs: Sequence[RunRecord], rests: Mapping[str, Mapping[str, float]]
-) -> Iterator[Paragraph]:
-    scored = [run for run in runs if run.state == "scored"]
-    if scored:
-        yield _made(spec, scored)
+def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[str, float]]) -> Iterator[Paragraph]:
     if spec.simulator is not None and (ground := ground_sentence(analysis, spec.stop)):
         yield Paragraph(ground)
     if shares := rests.get(analysis.application):
@@ -308,14 +304,18 @@ def _rests(
 
 
 def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
-    parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
+    parts = listing([f"{100.0 * share:.0f}\u00a0% {status}" for status, share in shares.items()])
     return Paragraph(f"Table values used {where}, by area of the scene: {parts}.")
 
 
-def _made(spec: CampaignSpec, scored: Sequence[RunRecord]) -> Paragraph:
+def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...]:
+    """How many runs of which source there are, and their cost; nothing without a score."""
+    scored = [run for run in runs if run.state == "scored"]
+    if not scored:
+        return ()
     text, cost = f"{capital(source_counts(scored))}.", spec.cost
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
         spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
         each = f"a simulation {format_plain(cost.simulation)}, a flight {format_plain(cost.flight)}"
         text += f" They cost {spent} ({each})."
-    return Paragraph(text)
+    return (Paragraph(text),)

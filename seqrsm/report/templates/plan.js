@@ -5,7 +5,7 @@
     holder.innerHTML = "<svg></svg>";
     // On a narrow screen the drawing is as narrow, so that its words keep their size.
     var W = Math.max(320, Math.min(640, box.querySelector(".curve").clientWidth || 640));
-    var NS = holder.firstChild.namespaceURI, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
+    var NS = holder.firstChild.namespaceURI, H = 300, LEFT = 60, BOTTOM = 40, TOP = 24, RIGHT = 16;
     var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "", head = data.unit ? " [" + data.unit + "]" : "";
     var most = data.most, controls = box.querySelector(".controls"), fields = {};
     function add(parent, name, attributes, text) {
@@ -64,7 +64,7 @@
         (isFinite(width) ? "half-width \u00b1 " + short(width) + unit : "too few runs for a half-width") +
         (isNaN(lost) ? "" : "; expected loss " + short(lost) + unit) +
         "; cost " + short(n * Number(fields.cost.value)) + (data.cost_unit ? " " + data.cost_unit : "") +
-        (first ? ". The target is reached with " + first + " runs or more."
+        (first ? ". The target is reached with " + first + " runs or more" + (first === model.asked ? ", the fewest that the stop rule allows." : ".")
           : ". " + most + " runs do not reach the target: use fewer factors, first order, or a wider target.");
       var top = 1.1 * Math.max(target, Math.min(halfWidth(model, model.runs[0], s) || 0, 6 * target));
       var x = function (at) { return LEFT + (W - LEFT - RIGHT) * at / most; };
@@ -86,7 +86,7 @@
         add(svg, "text", { x: LEFT - 6, y: y(at) + 4, "text-anchor": "end" }, short(at));
       });
       add(svg, "text", { x: (LEFT + W) / 2, y: H - 6, "text-anchor": "middle" }, "runs");
-      add(svg, "text", { x: LEFT + 6, y: TOP + 10 }, "half-width" + head + ", dashed: target");
+      add(svg, "text", { x: LEFT - 6, y: TOP - 12 }, "half-width" + head + "; green: target, orange: runs chosen");
     }
     draw();
   });
