@@ -192,32 +192,34 @@ def report() -> None:
         return "-" if row is None else str(row.moments) if row.whole else f"first {row.moments}"
 
     lines = [
-        "Commands were interrupted at each of their operations in turn and then given again. On files and SQLite, an "
-        "operation is a change of a file, an SQL statement or a commit; before it the command was killed, or met an "
-        "error (disk full, input/output error or read-only file system, in turn), either once or at every operation "
-        f"from then on: {count['fault']} interruptions. On PostgreSQL, an operation is an SQL statement or a commit; "
-        "the command was killed before it, the server closed the connection before it or after it (so that only the "
-        f"reply was lost), or the server refused it: {count['server']} interruptions. Given again, every command ended "
-        "as it does undisturbed, with the same campaign, form, export or report: no run or score was lost or "
-        "duplicated, the budget was kept, no connection stayed open on the server, and no password appeared in any "
-        "output or file. Where several interruptions left the same state, the command was given again from it once.",
+        "Commands were interrupted at each of their operations in turn, then given again. On files and SQLite, an "
+        "operation is a change of a file, an SQL statement or a commit. Before it, the command was killed (`kill`) or "
+        "met an error (`error`: disk full, input/output error and read-only file system, in turn): "
+        f"{count['fault']} interruptions. On PostgreSQL, an operation is an SQL statement or a commit. The command was "
+        "killed before it, the server closed the connection before it (`lost`) or after it, so that only the reply was "
+        f"missing (`lost after`), or the server refused it (`refused`): {count['server']} interruptions. An error "
+        "`from then on` met every later operation, too. Given again, every command ended as it does undisturbed, "
+        "with the same campaign, form, export or report. No run or score was lost or duplicated, the budget was kept, "
+        "no connection stayed open on the server, and no password appeared in any output or file. Where several "
+        "interruptions left the same state, the command was given again from it once.",
         "",
-        f"Other commands, one or three, were run between two transactions of a command, {count['SQLite']} times on "
-        f"SQLite and {count['PostgreSQL']} times on PostgreSQL. No `run` ended in an error, nothing was lost or "
-        "duplicated, the budget was kept, `propose` beside `propose` issued one start design, and `run` beside "
-        "`run` or `simulate` gave the same results to the last digit. One random bit of a database was flipped "
-        f"{count['flip']} times: `status` reported the same as before, or refused the file with an error "
+        "One or three other commands were run just before each transaction of a command, "
+        f"{count['SQLite']} times on SQLite and {count['PostgreSQL']} times on PostgreSQL. No `run` ended in an error, "
+        "nothing was lost or duplicated, the budget was kept, `propose` beside `propose` issued one start design, and "
+        "`run` beside `run` or `simulate` gave the same results to the last digit. One random bit of a database was "
+        f"flipped {count['flip']} times: `status` reported the same as before, or refused the file with an error "
         "message. No command ended in a traceback; the study stops at the first failure.",
         "",
         "The tables count the operations (or transactions) at which a command was disturbed: all that it has, or the "
-        "first so many where this is said; a dash means not tried. A formula took the place of the simulator, and "
+        "first so many where this is said; a dash means not tried. `propose` issues the start design, `propose more` "
+        "two further runs, and `init` makes a campaign from an export. A formula took the place of the simulator, and "
         "analyses of equal data were computed once. Two versions of the package on one campaign are tested in "
         "`tests/store/test_store_open.py`, `tests/cli/test_bad_disks.py` and `tests/cli/test_one_experiment.py`, "
         "clocks that jump and machines of one core in `tests/cli/test_clock_and_cores.py`.",
         "",
     ]
     for kind, title in (("fault", "files and SQLite"), ("server", "PostgreSQL")):
-        hows = list(dict.fromkeys(row.met for row in of[kind]))
+        hows = sorted({row.met for row in of[kind]}, key=lambda how: (LASTING in how, how != KILL, how))
         lines += [f"| command, {title} | {' | '.join(hows)} |", f"|---{'|---' * len(hows)}|"]
         for name in dict.fromkeys(row.command for row in of[kind]):
             lines.append(f"| `{name}` | {' | '.join(cell(kind, name, how) for how in hows)} |")
