@@ -60,7 +60,7 @@ def copy_template(name: str, folder: Path) -> None:
 def new_folder(folder: Path) -> Iterator[Path]:
     """Make ``folder``, of what the block puts into the place that it is given.
 
-    ``campaign.toml`` comes last: a folder that has one is whole, and one that a killed command left is made anew.
+    ``campaign.toml`` comes last: a folder that has one is whole, and one that a command left unfinished is made anew.
 
     Raises
     ------
@@ -84,7 +84,8 @@ def new_folder(folder: Path) -> Iterator[Path]:
             Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
         ) from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        if (folder / _LAST).exists() or set(folder.glob("*")) <= {part}:  # else it marks what is unfinished
+            shutil.rmtree(part, ignore_errors=True)
         if is_new:
             with suppress(OSError):  # it stays where it is not empty
                 folder.rmdir()

@@ -1,9 +1,10 @@
 """Connections to the campaign's database: opening, creating, migrating, and short transactions.
 
 SQLite runs in WAL mode with synchronous FULL, so a score that was acknowledged survives a loss of power; PostgreSQL
-does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row "campaign" of ``meta``), so that
-the same code is right on both. On a network file system, where the hosts cannot share WAL's memory, SQLite keeps a
-rollback journal. A file that may not be written is read as it is.
+does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row of ``alembic_version``), so that
+the same code is right on both, and none writes into tables that a newer version has changed meanwhile. On a network
+file system, where the hosts cannot share WAL's memory, SQLite keeps a rollback journal. A file that may not be written
+is read as it is.
 """
 
 from __future__ import annotations
@@ -123,7 +124,8 @@ class Database:
         with self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
-                connection.execute(sa.select(META.c.value).where(META.c.key == "campaign").with_for_update())
+                if (version := _locked(connection)) != self._revisions[-1]:
+                    raise self._newer(version)
                 yield connection
             self._see_file()
 
@@ -201,9 +203,7 @@ class Database:
                 )
             self._create(campaign)
         elif version not in self._revisions:
-            known = f"schema {version}, known up to {self._revisions[-1]}, program {__version__}"
-            message = f"the database was written by a newer seqrsm than this one ({known})"
-            raise StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
+            raise self._newer(version)
         elif version != self._revisions[-1]:
             self._migrate(version)
         with self._engine.connect() as connection:
@@ -215,6 +215,11 @@ class Database:
             remedy = "Give each campaign a folder or database of its own, or restore the name in campaign.toml."
             raise StoreError(Problem(message, remedy, file=self.label))
         self.campaign = name
+
+    def _newer(self, version: str) -> StoreError:
+        known = f"schema {version}, known up to {self._revisions[-1]}, program {__version__}"
+        message = f"the database was written by a newer seqrsm than this one ({known})"
+        return StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
 
     def _create(self, campaign: str) -> None:
         with self._engine.connect() as connection:
@@ -249,7 +254,7 @@ class Database:
             connection = connection.execution_options(seqrsm_write=True)
             with _unchecked_references(connection), connection.begin():
                 # Another process may have migrated while we waited for the lock.
-                if _schema_version(connection) == version:
+                if _locked(connection) == version:
                     config.attributes["connection"] = connection
                     command.upgrade(config, self._revisions[-1])
                     _check_references(connection, self.label)
@@ -281,6 +286,7 @@ class Database:
             ) from error
 
 
+_VERSION = sa.table("alembic_version", sa.column("version_num"))
 _SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
@@ -454,4 +460,9 @@ def _schema_version(connection: sa.Connection) -> str | None:
         if sa.inspect(connection).has_table("runs"):
             raise StoreError(Problem("the database has tables but no schema version", _RESTORE))
         return None
-    return str(connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar())
+    return str(connection.execute(sa.select(_VERSION)).scalar())
+
+
+def _locked(connection: sa.Connection) -> str:
+    """Schema version, as the last writer left it; no other writes before this transaction's end."""
+    return str(connection.execute(sa.select(_VERSION).with_for_update()).scalar())

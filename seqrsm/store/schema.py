@@ -36,7 +36,7 @@ METADATA = sa.MetaData(
     }
 )
 
-# key -> value: "campaign", "created_at", "created_version". The row "campaign" is also the lock that writers take.
+# key -> value: "campaign", "created_at", "created_version".
 META = sa.Table(
     "meta",
     METADATA,

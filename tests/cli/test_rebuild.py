@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import errno
 import hashlib
 import json
 import math
@@ -242,8 +243,9 @@ def test_a_mistyped_address_is_told_without_its_password(flown, address):
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("there", [False, True])
-def test_a_folder_that_a_killed_init_left_is_made_anew(flown, tmp_path, there):
-    """Killed before each of its files comes to its place."""
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_folder_that_init_left_unfinished_is_made_anew(flown, tmp_path, there, killed):
+    """Killed, or the disk full, before each of its files comes to its place."""
     call("export", flown, tmp_path / "all.json")
     real = Path.replace
     for moment in range(10):
@@ -254,8 +256,10 @@ def test_a_folder_that_a_killed_init_left_is_made_anew(flown, tmp_path, there):
 
         def replace(self, target, left=left):
             left[0] -= 1
-            if left[0] < 0:
+            if left[0] < 0 and killed:
                 os._exit(9)
+            if left[0] < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return real(self, target)
 
         child = os.fork()
@@ -263,8 +267,9 @@ def test_a_folder_that_a_killed_init_left_is_made_anew(flown, tmp_path, there):
             Path.replace = replace
             try:
                 rebuild(tmp_path / "all.json", again)
-            finally:
                 os._exit(0)
+            finally:
+                os._exit(9)
         ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         assert (again / "campaign.toml").exists() is (ended == 0)
         if ended == 0:

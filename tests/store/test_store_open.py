@@ -235,7 +235,8 @@ from alembic import op
 revision = "next"
 down_revision = "{head}"
 def upgrade():
-    with op.batch_alter_table("runs", recreate="always") as batch:
+    recreate = "always" if op.get_bind().dialect.name == "sqlite" else "never"
+    with op.batch_alter_table("runs", recreate=recreate) as batch:
         batch.add_column(sa.Column("pilot", sa.Text, nullable=False, server_default="nobody"))
     {last}
 """
@@ -266,6 +267,48 @@ def test_an_older_store_is_copied_and_migrated(folder, next_version):
     backup.rename(folder / "old" / STORE_NAME)
     with Store.open(folder / "old") as store:
         assert store.runs() == before
+
+
+def test_an_older_program_changes_nothing_once_a_newer_one_has_migrated(tmp_path, url, next_version):
+    with Store.open(tmp_path, url=url, create=True, campaign="test") as older:
+        older.add_batch([RUN] * 3)
+        Database(url or tmp_path / STORE_NAME, **next_version()).close()
+        with pytest.raises(StoreError, match=r"newer seqrsm.*schema next.*pip install --upgrade"):
+            older.add_batch([RUN])
+        assert len(older.runs()) == 3
+
+
+NEWER = """
+import os, sys, time
+from pathlib import Path
+from seqrsm.store import database
+folder, place, migrations, *revisions = sys.argv[1:]
+seen = database._schema_version
+def see(connection):  # both see the older schema before either goes on
+    found, end = seen(connection), time.monotonic() + 30.0
+    (Path(folder) / f"{os.getpid()}.saw").touch()
+    while len(list(Path(folder).glob("*.saw"))) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    return found
+database._schema_version = see
+location = place if ":" in place else Path(place)
+database.Database(location, migrations=Path(migrations), revisions=revisions).close()
+"""
+
+
+def test_two_newer_programs_migrate_a_store_once(tmp_path, url, next_version):
+    with Store.open(tmp_path, url=url, create=True, campaign="test") as older:
+        older.add_batch([RUN] * 3)
+    place, new = url or tmp_path / STORE_NAME, next_version()
+    (tmp_path / "newer.py").write_text(NEWER)
+    command = [sys.executable, tmp_path / "newer.py", tmp_path, place, new["migrations"], *new["revisions"]]
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [one.communicate(timeout=60)[1] for one in both]
+    assert [one.returncode for one in both] == [0, 0], said
+    database = Database(place, **new)
+    with database.read() as connection:
+        assert connection.exec_driver_sql("SELECT pilot FROM runs").scalars().all() == ["nobody"] * 3
+    database.close()
 
 
 def test_a_migration_that_fails_changes_nothing(folder, next_version):

@@ -3,6 +3,7 @@
     python tests/studies/hands_study.py                # goes on where it was stopped
     python tests/studies/hands_study.py --only server  # one kind only
     python tests/studies/hands_study.py --anew         # again from the first moment
+    python tests/studies/hands_study.py --only server --command run --anew  # one command of a kind again
 
 A command is killed, or met by an error (no space, input/output, read-only), before each of its file and SQL
 operations; on PostgreSQL, at each SQL operation, also by the loss of its connection before it or after it
@@ -21,7 +22,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -48,10 +49,10 @@ BESIDE: dict[tuple[str, str], list[str]] = {
     ("run", "run x 3"): ["run"] * 3,
     ("run", "simulate"): ["simulate"],
     ("run", "propose"): ["propose"],
-    ("run", "propose, simulate, run"): ["propose", "simulate", "run"],
     ("propose", "propose"): ["propose"],
     ("propose", "propose x 3"): ["propose"] * 3,
     ("propose", "run"): ["run"],
+    ("run", "propose, simulate, run"): ["propose", "simulate", "run"],
 }
 SAME_END = ("run", "run x 3", "simulate")
 HOWS = tuple(ERRORS)
@@ -80,7 +81,7 @@ def rows() -> dict[tuple[str, str, str], Row]:
 
 
 def courses(
-    folder: Path, postgres: str | None, kind: str, whole: Collection[tuple[str, str, str]]
+    folder: Path, postgres: str | None, kind: str, skip: Callable[[tuple[str, str, str]], bool]
 ) -> Iterator[tuple[str, str, Callable[[int], bool]]]:
     """Command, what meets it, and what is done at a moment, from the first: False beyond the last."""
     if kind in ("server", "fault"):
@@ -88,7 +89,7 @@ def courses(
         hows = (*SERVER_HOWS, LOST + LASTING, REFUSED + LASTING) if url else (KILL, "error", "error" + LASTING)
         for how in hows:
             for name in SERVER_CASES if url else CASES:
-                if (kind, name, how) not in whole:
+                if not skip((kind, name, how)):
                     shutil.rmtree(folder / "course", ignore_errors=True)
                     prepared(name, folder / "course", url)
                     yield name, how, partial(_injected, name, folder / "course", how, url)
@@ -137,12 +138,16 @@ def _flip(folder: Path, seed: int) -> bool:
     return True
 
 
-def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
-    """Moments that no earlier call has done, in courses not whole yet."""
+def carry_on(kinds: Sequence[str], first: str, seconds: float, anew: bool) -> None:
+    """Moments that no earlier call has done, in courses not whole yet, of one command or of all ("")."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     done, end = rows(), time.monotonic() + seconds
     if anew:
-        done = {key: row for key, row in done.items() if key[0] not in kinds}
+        done = {key: row for key, row in done.items() if key[0] not in kinds or first not in ("", key[1])}
+
+    def skip(key: tuple[str, str, str]) -> bool:
+        return first not in ("", key[1]) or (key in done and done[key].whole)
+
     now = package()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -152,11 +157,11 @@ def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
         server = find_server()
         postgres = None if server is None else stack.enter_context(running(server))
         for kind in kinds:
-            for name, met, act in courses(folder, postgres, kind, {key for key, row in done.items() if row.whole}):
+            for name, met, act in courses(folder, postgres, kind, skip):
                 key = (kind, name, met)
-                old = done.get(key, Row(*key, 0, False, now))
-                if old.whole:
+                if skip(key):
                     continue
+                old = done.get(key, Row(*key, 0, False, now))
                 if time.monotonic() > end:
                     break
                 moment, whole = old.moments + 1, False
@@ -181,45 +186,48 @@ def report() -> None:
     of = {kind: [row for row in done.values() if row.kind == kind] for kind in KINDS}
     count = {kind: sum(row.moments for row in of[kind]) for kind in KINDS}
     packages = {kind: ", ".join(sorted({name for row in of[kind] for name in row.package.split()})) for kind in KINDS}
-    part = [f"`{row.command}`, {row.met} ({row.kind})" for row in done.values() if not row.whole]
+
+    def cell(kind: str, command: str, met: str) -> str:
+        row = done.get((kind, command, met))
+        return "-" if row is None else str(row.moments) if row.whole else f"first {row.moments}"
+
     lines = [
-        f"{count['fault']} times a command was killed, or met an error (no space, input/output, read-only, by turns), "
-        "before one of its file or SQL operations, and given again (once from each state that "
-        "was left, times apart): the campaign, form, export or report was then what it is undisturbed. "
-        f"{count['server']} times a command met the like at one of its SQL statements and commits on PostgreSQL: it "
-        "was killed, the server ended its connection before the operation or after it (so that only the answer was "
-        "missing), or refused it. Given again it ended as undisturbed: no "
-        "run or score was lost or doubled, the budget was kept, no connection was left on the server, and no password "
-        "stood in any output or file.",
+        "Commands were interrupted at each of their operations in turn, then given again. On files and SQLite, an "
+        "operation is a change of a file, an SQL statement or a commit. Before it, the command was killed (`kill`) or "
+        "met an error (`error`: disk full, input/output error and read-only file system, in turn): "
+        f"{count['fault']} interruptions. On PostgreSQL, an operation is an SQL statement or a commit. The command was "
+        "killed before it, the server closed the connection before it (`lost`) or after it, so that only the reply was "
+        f"missing (`lost after`), or the server refused it (`refused`): {count['server']} interruptions. An error "
+        "`from then on` met every later operation, too. Given again, every command ended as it does undisturbed, "
+        "with the same campaign, form, export or report. No run or score was lost or duplicated, the budget was kept, "
+        "no connection stayed open on the server, and no password appeared in any output or file. Where several "
+        "interruptions left the same state, the command was given again from it once.",
         "",
-        f"{count['SQLite'] + count['PostgreSQL']} times one or three other commands came before one of the "
-        "transactions of a command, readers' included: no `run` ended in an error, nothing was lost or doubled, the "
-        "budget was kept, and `run` with `run` and `simulate` beside it ended the same to the last digit. "
-        f"{count['flip']} times one bit of a data base was another: `status` said the same as before, or refused in "
-        "words. No command ended in a traceback. One exception would have ended the study.",
+        "One or three other commands were run just before each transaction of a command, "
+        f"{count['SQLite']} times on SQLite and {count['PostgreSQL']} times on PostgreSQL. No `run` ended in an error, "
+        "nothing was lost or duplicated, the budget was kept, `propose` beside `propose` issued one start design, and "
+        "`run` beside `run` or `simulate` gave the same results to the last digit. One random bit of a database was "
+        f"flipped {count['flip']} times: `status` reported the same as before, or refused the file with an error "
+        "message. No command ended in a traceback; the study stops at the first failure.",
         "",
-        "A number is of all operations (transactions, for commands beside others) that the command has"
-        + (
-            f", apart from {'; '.join(part)}: those were not taken to the end; a dash: not begun."
-            if part
-            else "; a dash: not begun."
-        )
-        + " Simulations were replaced by a formula, and each different analysis was made once.",
+        "The tables count the operations (or transactions) at which a command was disturbed: all that it has, or the "
+        "first so many where this is said; a dash means not tried. `propose` issues the start design, `propose more` "
+        "two further runs, and `init` makes a campaign from an export. A formula took the place of the simulator, and "
+        "analyses of equal data were computed once. Two versions of the package on one campaign are tested in "
+        "`tests/store/test_store_open.py`, `tests/cli/test_bad_disks.py` and `tests/cli/test_one_experiment.py`, "
+        "clocks that jump and machines of one core in `tests/cli/test_clock_and_cores.py`.",
         "",
     ]
     for kind, title in (("fault", "files and SQLite"), ("server", "PostgreSQL")):
-        hows = list(dict.fromkeys(row.met for row in of[kind]))
+        hows = sorted({row.met for row in of[kind]}, key=lambda how: (LASTING in how, how != KILL, how))
         lines += [f"| command, {title} | {' | '.join(hows)} |", f"|---{'|---' * len(hows)}|"]
         for name in dict.fromkeys(row.command for row in of[kind]):
-            cells = (done.get((kind, name, how)) for how in hows)
-            lines.append(f"| `{name}` | {' | '.join('-' if row is None else str(row.moments) for row in cells)} |")
+            lines.append(f"| `{name}` | {' | '.join(cell(kind, name, how) for how in hows)} |")
         lines.append("")
     lines += ["| command | beside it | transactions, SQLite | transactions, PostgreSQL |", "|---|---|---|---|"]
     for first, other in BESIDE:
-        cells = (done.get((kind, first, other)) for kind in ("SQLite", "PostgreSQL"))
-        lines.append(
-            f"| `{first}` | `{other}` | {' | '.join('-' if row is None else str(row.moments) for row in cells)} |"
-        )
+        cells = " | ".join(cell(kind, first, other) for kind in ("SQLite", "PostgreSQL"))
+        lines.append(f"| `{first}` | `{other}` | {cells} |")
     lines += [
         "",
         f"Package (`git rev-parse --short HEAD:seqrsm`): {'; '.join(f'{kind} {packages[kind]}' for kind in KINDS)}. "
@@ -232,8 +240,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=1e9)
     parser.add_argument("--only", default="", choices=["", *KINDS])
+    parser.add_argument("--command", default="", choices=["", *CASES])
     parser.add_argument("--anew", action="store_true")
     asked = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    carry_on([asked.only] if asked.only else KINDS, asked.seconds, asked.anew)
+    carry_on([asked.only] if asked.only else KINDS, asked.command, asked.seconds, asked.anew)
     report()
