@@ -7,9 +7,9 @@ from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from typing import Any
 
-from seqrsm.report.blocks import Column, Panel, Report
+from seqrsm.report.blocks import Column, FigureBlock, Panel, Report
 
-_CALLED = ("data", "draw", "profiles")
+_CALLED = ("data", "draw", "make", "profiles")
 """Fields that paper does not show: what calls give is asked for where it is needed, and profilers move."""
 
 
@@ -52,6 +52,8 @@ def _as_data(value: object) -> Any:
             data["heading"] = value.heading
         elif isinstance(value, Panel):
             data["svg"] = value.svg
+        elif isinstance(value, FigureBlock):
+            data["panels"] = _as_data(value.panels)
         return {"kind": type(value).__name__, **data}
     if isinstance(value, tuple):
         return [_as_data(item) for item in value]

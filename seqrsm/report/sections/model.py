@@ -212,7 +212,7 @@ def _coefficient_figure(analysis: Analysis) -> FigureBlock:
     alt = f"Dot plot of {shown} coefficients with their intervals; the table of coefficients gives the numbers."
     paint, data = partial(paint_coefficients, analysis, indices), partial(coefficient_data, analysis)
     panel = drawing.panel("", alt, paint, "coefficients", data, width_in=4.0, height_in=0.8 + 0.15 * shown)
-    return FigureBlock((panel,), caption, columns=2)
+    return FigureBlock(lambda: (panel,), caption, columns=2)
 
 
 def _coefficient_table(analysis: Analysis) -> Table:
@@ -296,7 +296,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
             for title, paint in paints
         )
         caption = "Externally studentised residuals; about 95 % should lie between the dotted lines at \u22122 and 2."
-        blocks.append(FigureBlock(drawn, caption, columns=3))
+        blocks.append(FigureBlock(lambda: drawn, caption, columns=3))
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:
