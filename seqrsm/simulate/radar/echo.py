@@ -165,16 +165,13 @@ def _row_numbers(geometry: FloatArray, cell: float, ground_format: bool) -> Floa
     """`EchoGrid.rows`."""
     n = len(geometry)
     before, after = np.maximum(np.arange(n) - 1, 0), np.minimum(np.arange(n) + 1, n - 1)
-    along, slant, descent, gain, up, up_before, place, per_metre, *_ = geometry.T
-    behind, per_behind = place[after], per_metre[after]
-    out = np.zeros((n, 14))
-    np.divide(1.0, cell * (after - before), out=out[:, 0], where=after > before)
-    out[:, 1:6] = np.stack([along / slant, up / slant, 1.0 / slant, 2.0 * up, 1.0 / slant**2], axis=1)
-    out[:, 6:9] = np.stack([descent, up_before, gain], axis=1)
-    out[:, 9:12] = np.stack([2.0 * up[after], 1.0 / behind**2, per_behind / behind], axis=1)
-    out[:, 12] = -behind * per_behind if ground_format else -math.inf
-    out[:-1, 13] = 1.0
-    return out
+    y, slant, descent, gain, h, h_before, place, per_metre, *_ = geometry.T
+    place, per_metre = place[after], per_metre[after]
+    per_span = np.divide(1.0, cell * (after - before), out=np.zeros(n), where=after > before)
+    nadir = -place * per_metre if ground_format else np.full(n, -math.inf)
+    own = per_span, y / slant, h / slant, 1.0 / slant, 2.0 * h, 1.0 / slant**2, descent, h_before, gain
+    behind = 2.0 * h[after], 1.0 / place**2, per_metre / place, nadir, np.arange(n) < n - 1
+    return np.column_stack(own + behind)
 
 
 def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
