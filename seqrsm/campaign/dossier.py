@@ -13,10 +13,12 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
-from seqrsm.campaign.images import ImagePanel, report_pictures
+from seqrsm.campaign.experiment import experiment_of
+from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.simulation import scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
+from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
@@ -105,7 +107,9 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
     if scene is not None:
         step("simulating images")
-        images, turns, more = report_pictures(campaign, analyses)
+        chosen = chosen_settings(analyses)
+        made_of = (spec.spec_hash, experiment_of(spec), chosen)
+        images, turns, more = remembered(lambda: report_pictures(spec, chosen), made_of)
         notes += more
     compared = read_candidates(spec, analyses)
     return Dossier(

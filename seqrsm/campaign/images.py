@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
     from seqrsm.simulate.radar.result import RadarImage
     from seqrsm.simulate.radiometer.result import RadiometerImage
+    from seqrsm.spec.read import CampaignSpec
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
@@ -269,16 +270,16 @@ class ImagePanel:
 
 
 def report_pictures(
-    campaign: Campaign, analyses: Sequence[Analysis]
+    spec: CampaignSpec, chosen: Mapping[str, Mapping[str, float | str]]
 ) -> tuple[tuple[ImagePanel, ...], int, tuple[str, ...]]:
-    """Simulate the pictures of a report: the settings of `chosen_settings`, all on one occasion, in one calibration.
+    """Simulate the pictures of a report, all on one occasion, in one calibration.
 
     Parameters
     ----------
-    campaign : Campaign
+    spec : CampaignSpec
         With a simulator.
-    analyses : sequence of Analysis
-        The first application's is shown.
+    chosen : Mapping
+        From `chosen_settings`.
 
     Returns
     -------
@@ -288,10 +289,8 @@ def report_pictures(
     tuple of str
         What the simulations assumed.
     """
-    spec = campaign.spec
-    made: list[tuple[str, dict[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
+    made: list[tuple[str, Mapping[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
     cell_m = 0.0
-    chosen = chosen_settings(analyses)
     for title, settings in chosen.items():
         tell("simulating images", len(made), len(chosen))
         task = task_of(spec, NO_RUN, settings)
@@ -347,7 +346,7 @@ def _caption(picture: Picture, scales: Mapping[str, GreyScale]) -> str:
 
 
 def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:
-    """Settings worth a picture: the optimum, and the fitted worst of the region."""
+    """Settings worth a picture: the optimum of the first analysis, and the fitted worst of the region."""
     from seqrsm.fit.optimum import optimum
 
     if not analyses:

@@ -181,14 +181,19 @@ class LegendEntry:
     label: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FigureBlock:
-    """Panels with one caption; ``columns`` is how many stand side by side on paper."""
+    """Panels, made when they are first asked for, with one caption; ``columns`` stand side by side on paper."""
 
-    panels: tuple[Panel, ...]
+    make: Callable[[], tuple[Panel, ...]]
     caption: str
     columns: int = 2
     legend: tuple[LegendEntry, ...] = ()
+
+    @cached_property
+    def panels(self) -> tuple[Panel, ...]:
+        """What ``make`` gives: a terminal shows no pictures and never asks."""
+        return self.make()
 
 
 @dataclass(frozen=True, slots=True)

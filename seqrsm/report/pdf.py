@@ -7,10 +7,11 @@ from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from typing import Any
 
-from seqrsm.report.blocks import Column, Panel, Report
+from seqrsm.report.blocks import Column, FigureBlock, Panel, Report
 
-_CALLED = ("data", "draw", "profiles")
+_CALLED = ("data", "draw", "make", "profiles")
 """Fields that paper does not show: what calls give is asked for where it is needed, and profilers move."""
+_ASKED: dict[type, list[str]] = {Column: ["heading"], Panel: ["svg"], FigureBlock: ["panels"]}
 
 
 def render_pdf(report: Report) -> bytes:
@@ -46,13 +47,8 @@ def render_pdf(report: Report) -> bytes:
 def _as_data(value: object) -> Any:
     """Turn blocks into what JSON can hold: every dataclass becomes a dictionary that names its kind."""
     if is_dataclass(value) and not isinstance(value, type):
-        shown = [field.name for field in fields(value) if field.name not in _CALLED]
-        data = {name: _as_data(getattr(value, name)) for name in shown}
-        if isinstance(value, Column):
-            data["heading"] = value.heading
-        elif isinstance(value, Panel):
-            data["svg"] = value.svg
-        return {"kind": type(value).__name__, **data}
+        shown = [field.name for field in fields(value) if field.name not in _CALLED] + _ASKED.get(type(value), [])
+        return {"kind": type(value).__name__, **{name: _as_data(getattr(value, name)) for name in shown}}
     if isinstance(value, tuple):
         return [_as_data(item) for item in value]
     if isinstance(value, bytes):

@@ -48,7 +48,7 @@ def power_cells(
     cover,
     field,
     geometry,
-    cell,
+    rows,
     ground_format,
     table,
     n_categories,
@@ -61,7 +61,6 @@ def power_cells(
     """Power, position and state of every element by the rows of `kernels.sum_echoes`, which adds them up."""
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    rows = kernels._row_numbers(geometry, cell, ground_format).astype(z.dtype)
     w = kernels._work_lines(z)
     pairs = np.empty(kernels.STRIP, dtype=table.dtype)
     index = np.empty(kernels.STRIP, dtype=np.uint32)
@@ -100,7 +99,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
         frame.cover,
         frame.field,
         grid.geometry,
-        frame.cell_m,
+        grid.rows.astype(dtype),
         radar.range_format == "ground",
         paired_table(lut, dtype),
         lut.shape[1],

@@ -98,7 +98,7 @@ OF_EACH_KIND: tuple[Block, ...] = (
     KeyFigures((KeyFigure("Score", "70.1 \u00b1 0.4 percent", "of 31 runs"),)),
     table("Runs by rung", ("Rung", right("Runs", "1"), Column("More", extra=True)), [("F2", Cell("17", 17.0), "19")]),
     FigureBlock(
-        (Panel("Slice", "A slice", lambda: '<svg width="9pt" height="9pt" viewBox="0 0 9 9"></svg>'),),
+        lambda: (Panel("Slice", "A slice", lambda: '<svg width="9pt" height="9pt" viewBox="0 0 9 9"></svg>'),),
         "Slices through 23 places",
         legend=(LegendEntry("#000000", "crops"),),
     ),

@@ -186,7 +186,7 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "(thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
-    return FigureBlock((panel,), under, columns=1)
+    return FigureBlock(lambda: (panel,), under, columns=1)
 
 
 def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:

@@ -83,7 +83,7 @@ def _front_figure(found: CompromiseEstimate) -> FigureBlock:
         data = partial(PanelData, (_axis(x), _axis(y)), rows)
         panels.append(drawing.panel(title, alt, partial(_paint_front, found, i, j), f"pareto {title}", data))
     caption = "Pareto front: settings that no other setting improves on in every objective. Star: the compromise."
-    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
+    return FigureBlock(lambda: tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
 
 
 def _axis(item: GivenUp) -> str:

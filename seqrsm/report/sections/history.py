@@ -68,7 +68,7 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
         "Results of each interim analysis. Dashed green: target of the stop rule; dotted grey: noise floor, which more "
         "runs cannot lower. Band: confidence interval of the mean."
     )
-    return FigureBlock(tuple(panels), caption, columns=3)
+    return FigureBlock(lambda: tuple(panels), caption, columns=3)
 
 
 def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:

@@ -273,7 +273,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
             for title, paint in paints
         )
         caption = "Externally studentised residuals; about 95 % should lie between the dotted lines at \u22122 and 2."
-        blocks.append(FigureBlock(drawn, caption, columns=3))
+        blocks.append(FigureBlock(lambda: drawn, caption, columns=3))
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:

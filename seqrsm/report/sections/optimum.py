@@ -20,6 +20,7 @@ from seqrsm.report.blocks import (
     Details,
     Equation,
     FigureBlock,
+    Panel,
     PanelData,
     Paragraph,
     Section,
@@ -106,15 +107,11 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
         height_in=2.0,
     )
     if pairs:
-        surfaces = _contours(analysis, slice(1))
-        first, caption = surfaces.panels[0], surfaces.caption
+        first = _contours(analysis, slice(1))
     else:
-        names = list(analysis.region.names)
-        slices = _slices(analysis, [names.index(ranked_factors(analysis)[0])])
-        first, caption = slices.panels[0], slices.caption
-    level = level_phrase(analysis)
-    caption += f" Right: {level} intervals of the mean score and of future runs; dashed: the target half-width."
-    return FigureBlock((first, intervals), caption)
+        first = _slices(analysis, [analysis.region.names.index(ranked_factors(analysis)[0])])
+    beside = f"Right: {level_phrase(analysis)} intervals of the mean score and of future runs; dashed: the target"
+    return FigureBlock(lambda: (*first.panels, intervals), f"{first.caption} {beside} half-width.")
 
 
 def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
@@ -293,10 +290,10 @@ def _surfaces(analysis: Analysis, which: slice) -> list[Block]:
     return [*blocks, _slices(analysis, range(analysis.region.k)), *_by_level(analysis)]
 
 
-def _contours(analysis: Analysis, which: slice) -> FigureBlock:
+def _contour_panels(analysis: Analysis, which: slice) -> tuple[Panel, ...]:
     every = [surface(analysis, x, y) for x, y in chosen_pairs(analysis)]
-    limits, surfaces = _limits(every), every[which]
-    panels = tuple(
+    limits = _limits(every)
+    return tuple(
         drawing.panel(
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
             _contour_alt(analysis, s),
@@ -305,8 +302,11 @@ def _contours(analysis: Analysis, which: slice) -> FigureBlock:
             partial(contour_data, analysis, s),
             height_in=2.0,
         )
-        for s in surfaces
+        for s in every[which]
     )
+
+
+def _contours(analysis: Analysis, which: slice) -> FigureBlock:
     all_pairs = math.comb(len(analysis.region.numeric), 2)
     unit = f" in {analysis.score_unit}" if analysis.score_unit else ""
     caption = (
@@ -318,7 +318,7 @@ def _contours(analysis: Analysis, which: slice) -> FigureBlock:
         caption += " Hatched: excluded by the constraints."
     if len(chosen_pairs(analysis)) < all_pairs:
         caption += f" {MAX_PAIRS} of {all_pairs} pairs are drawn, those of the most important factors."
-    return FigureBlock(panels, caption, columns=3)
+    return FigureBlock(lambda: _contour_panels(analysis, which), caption, columns=3)
 
 
 def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
@@ -346,19 +346,20 @@ def _name(analysis: Analysis, index: int) -> str:
     return readable(analysis.region.names[index])
 
 
+def _slice_panel(analysis: Analysis, index: int) -> Panel:
+    factor = analysis.region.factors[index]
+    here = line(analysis, index)
+    ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
+    spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
+    alt = (
+        f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
+        f"{optimum_setting_text(analysis, factor)}."
+    )
+    paint, data = partial(paint_slice, analysis, here), partial(slice_data, analysis, here)
+    return drawing.panel(readable(factor.name), alt, paint, f"slice {factor.name}", data)
+
+
 def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
-    panels = []
-    for index in indices:
-        factor = analysis.region.factors[index]
-        here = line(analysis, index)
-        ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
-        spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
-        alt = (
-            f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
-            f"{optimum_setting_text(analysis, factor)}."
-        )
-        paint, data = partial(paint_slice, analysis, here), partial(slice_data, analysis, here)
-        panels.append(drawing.panel(readable(factor.name), alt, paint, f"slice {factor.name}", data))
     level = level_phrase(analysis)
     caption = (
         f"Slices through the optimum (dashed line). Line or diamonds: fitted mean; dark band: {level} confidence "
@@ -370,7 +371,16 @@ def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
         caption += f" No bands: {missing}."
     if not analysis.region.is_box:
         caption += " Settings excluded by the constraints are left out; hollow diamonds are excluded levels."
-    return FigureBlock(tuple(panels), caption, columns=3)
+    return FigureBlock(lambda: tuple(_slice_panel(analysis, index) for index in indices), caption, columns=3)
+
+
+def _level_panel(analysis: Analysis, i: int, j: int) -> Panel:
+    factors, lines = analysis.region.factors, lines_by_level(analysis, i, j)
+    title = f"{readable(factors[i].name)} by {readable(factors[j].name)}"
+    best = max(lines, key=lambda one: float(np.max(one.mean)))
+    alt = f"Fitted mean score against {title}, up to {score_text(analysis, float(np.max(best.mean)))}."
+    paint, data = partial(paint_lines, analysis, j, lines), partial(levels_data, analysis, j, lines)
+    return drawing.panel(title, alt, paint, title, data)
 
 
 def _by_level(analysis: Analysis) -> list[Block]:
@@ -382,21 +392,13 @@ def _by_level(analysis: Analysis) -> list[Block]:
         if isinstance(factors[i], DiscreteFactor)
         for j in analysis.region.categorical
     ]
-    panels = []
-    for i, j in pairs[:MAX_PAIRS]:
-        lines = lines_by_level(analysis, i, j)
-        title = f"{readable(factors[i].name)} by {readable(factors[j].name)}"
-        best = max(lines, key=lambda one: float(np.max(one.mean)))
-        alt = f"Fitted mean score against {title}, up to {score_text(analysis, float(np.max(best.mean)))}."
-        paint, data = partial(paint_lines, analysis, j, lines), partial(levels_data, analysis, j, lines)
-        panels.append(drawing.panel(title, alt, paint, title, data))
-    if not panels:
+    if not pairs:
         return []
     caption = (
         f"Fitted mean score with {level_phrase(analysis)} confidence intervals, the other factors as recommended; "
         "points at one value are drawn side by side."
     )
-    return [FigureBlock(tuple(panels), caption)]
+    return [FigureBlock(lambda: tuple(_level_panel(analysis, *pair) for pair in pairs[:MAX_PAIRS]), caption)]
 
 
 def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
@@ -435,4 +437,4 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
         name = f"posterior of optimal {factor.name}"
         panels.append(drawing.panel(readable(factor.name), alt, paint, name, data, height_in=1.7))
     caption = "Posterior of the optimal setting of each factor. Dashed: recommended setting."
-    return FigureBlock(tuple(panels), caption, columns=3)
+    return FigureBlock(lambda: tuple(panels), caption, columns=3)

@@ -83,7 +83,7 @@ def calendar_section(dossier: Dossier) -> Section | None:
         f"Simulated mean backscatter of the crops at 40 degrees incidence by day of the year. Dashed: recommended days "
         f"{days}. Individual fields deviate in level and timing."
     )
-    return Section("calendar", "Crop calendar", (FigureBlock(panels, caption),))
+    return Section("calendar", "Crop calendar", (FigureBlock(lambda: panels, caption),))
 
 
 def image_section(dossier: Dossier) -> Section | None:
@@ -116,7 +116,8 @@ def image_section(dossier: Dossier) -> Section | None:
     for image in dossier.images:
         panels += _image_panels(dossier, image, unit, count)
         captions.append(f"{image.title}: {_ended(image.caption)}")
-    blocks.append(FigureBlock(tuple(panels), " ".join(captions), columns=4 if len(panels) > 3 else 3, legend=legend))
+    columns = 4 if len(panels) > 3 else 3
+    blocks.append(FigureBlock(lambda: tuple(panels), " ".join(captions), columns, legend))
     blocks.append(_picture_table(dossier, unit, count))
     return Section("images", "Simulated images and ground truth", tuple(blocks))
 

@@ -39,6 +39,9 @@ class EchoGrid:
     ----------
     geometry : float64 array (n, 10)
         See `kernels.sum_echoes`.
+    rows : float64 array (n, 14)
+        From it, for loops in single precision: distances are in slant ranges of the datum, so that powers of them stay
+        within it.
     base : float64 array (n + 2,)
         Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
     first, n_bins : int
@@ -48,6 +51,7 @@ class EchoGrid:
     """
 
     geometry: FloatArray
+    rows: FloatArray
     base: FloatArray
     first: int
     n_bins: int
@@ -153,7 +157,21 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
     np.tan(0.5 * ground.turn_rad[own], out=geometry[:, 8])
     first, last = _reach(frame, geometry, base[own], ground_format)
     # A position that rounds onto the far edge belongs to the last bin inside it.
-    return EchoGrid(geometry, base, first, max(last - first + 1, 1), reference)
+    rows = _row_numbers(geometry, cell, ground_format)
+    return EchoGrid(geometry, rows, base, first, max(last - first + 1, 1), reference)
+
+
+def _row_numbers(geometry: FloatArray, cell: float, ground_format: bool) -> FloatArray:
+    """`EchoGrid.rows`."""
+    n = len(geometry)
+    before, after = np.maximum(np.arange(n) - 1, 0), np.minimum(np.arange(n) + 1, n - 1)
+    y, slant, descent, gain, h, h_before, place, per_metre, *_ = geometry.T
+    place, per_metre = place[after], per_metre[after]
+    per_span = np.divide(1.0, cell * (after - before), out=np.zeros(n), where=after > before)
+    nadir = -place * per_metre if ground_format else np.full(n, -math.inf)
+    own = per_span, y / slant, h / slant, 1.0 / slant, 2.0 * h, 1.0 / slant**2, descent, h_before, gain
+    behind = 2.0 * h[after], 1.0 / place**2, per_metre / place, nadir, np.arange(n) < n - 1
+    return np.column_stack(own + behind)
 
 
 def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
@@ -226,7 +244,7 @@ def echo_sums(
     m = frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
     table, factor, pattern = paired_table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
-    parts = min(threads, m)
+    rows, parts = grid.rows.astype(dtype), min(threads, m)
     edges = [k * m // parts for k in range(parts + 1)]
 
     def do(k: int) -> None:
@@ -237,7 +255,7 @@ def echo_sums(
             frame.cover,
             frame.field,
             grid.geometry,
-            frame.cell_m,
+            rows,
             radar.range_format == "ground",
             table,
             lut.shape[1],

@@ -49,7 +49,7 @@ def sum_echoes(
     cover: AnyArray,
     field: AnyArray,
     geometry: AnyArray,
-    cell: float,
+    rows: AnyArray,
     ground_format: bool,
     table: AnyArray,
     n_categories: int,
@@ -90,8 +90,8 @@ def sum_echoes(
         slant range)**4``; height of the antenna over the local horizontal, here and in the row before [m]; range
         position of the datum [m]; bins to a metre of that position; tangent of half the angle of the local vertical
         from that of nadir; distance between columns [m].
-    cell : float
-        Distance between rows [m].
+    rows : float array (n, 14)
+        `EchoGrid.rows`, as `_facing_row` (0 to 8) and `_range_row` (9 to 13, of the row behind) take them.
     ground_format : bool
         True: position is ground range; False: slant range.
     table : complex array (n_channels, (n_categories + 1) * k)
@@ -119,7 +119,6 @@ def sum_echoes(
     """
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    rows = _row_numbers(geometry, cell, ground_format).astype(z.dtype)
     w = _work_lines(z)
     pairs = np.empty(STRIP, dtype=table.dtype)
     index = np.empty(STRIP, dtype=np.uint32)
@@ -155,36 +154,6 @@ def _work_lines(z: AnyArray) -> AnyArray:
 
 
 @kernel
-def _row_numbers(geometry: AnyArray, cell: float, ground_format: bool) -> AnyArray:
-    """Numbers of each row as `_facing_row` (0 to 8) and `_range_row` (9 to 13, of the row behind) take them.
-
-    Distances are in slant ranges of the datum, so that powers of them stay within single precision.
-    """
-    n = geometry.shape[0]
-    out = np.empty((n, 14))
-    for i in range(n):
-        after = min(i + 1, n - 1)
-        span = after - max(i - 1, 0)
-        slant = geometry[i, 1]
-        place, per_metre = geometry[after, 6], geometry[after, 7]
-        out[i, 0] = 1.0 / (cell * span) if span > 0 else 0.0
-        out[i, 1] = geometry[i, 0] / slant
-        out[i, 2] = geometry[i, 4] / slant
-        out[i, 3] = 1.0 / slant
-        out[i, 4] = 2.0 * geometry[i, 4]
-        out[i, 5] = 1.0 / slant**2
-        out[i, 6] = geometry[i, 2]
-        out[i, 7] = geometry[i, 5]
-        out[i, 8] = geometry[i, 3]
-        out[i, 9] = 2.0 * geometry[after, 4]
-        out[i, 10] = 1.0 / place**2
-        out[i, 11] = per_metre / place
-        out[i, 12] = -place * per_metre if ground_format else -math.inf
-        out[i, 13] = 1.0 if after > i else 0.0
-    return out
-
-
-@kernel
 def _first_row(
     z: AnyArray,
     top: AnyArray,
@@ -199,7 +168,8 @@ def _first_row(
     for j in range(m):
         w[_RAY + j] = top[row, left + j]
         w[_OFFSET + j] = z[row, left + j]
-    _offset_row(geometry, 0, ground_format, _OFFSET, m, w)
+    nearest: Any = np.int64(0)  # a plain 0 would be compiled for itself
+    _offset_row(geometry, nearest, ground_format, _OFFSET, m, w)
     for j in range(m):
         w[_EDGE + j] = w[_OFFSET + j]
 

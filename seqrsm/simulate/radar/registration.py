@@ -89,7 +89,7 @@ def state_of_cells(
         frame.cover,
         frame.field,
         grid.geometry,
-        frame.cell_m,
+        grid.rows.astype(dtype),
         ground_format,
         np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
         n_categories,
