@@ -6,7 +6,7 @@ season was measured, it is a water cloud over the table's bare soil,
 
     sigma0(d) = canopy (1 - T(d)) + soil T(d),    T(d) = exp(-2 b W(d) / cos theta),
 
-with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz, and the canopy's own return such that
+with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz (0.20 of grass), and the canopy's own return such that
 the mean of 22 June to 19 July, when the two L-band flights took place, is the table's level. Between L and C band the
 course is linear in the logarithm of frequency; X and Ku bands follow C band, cereals to 0.7 and 0.5 of it (assumed).
 
@@ -36,7 +36,8 @@ _SUMMER: Final = slice(4, 8)  # May to August
 _SUMMER_DAYS: Final = slice(120, 243)
 _FLIGHTS: Final = slice(172, 200)  # 22 June to 19 July
 _L_GHZ, _C_GHZ, _X_GHZ, _KU_GHZ = 1.25, 5.4, 9.6, 13.6
-_B_AT_GHZ: Final = (0.15, 1.4)
+_B_GHZ: Final = 1.4
+_B_M2_KG: Final = {"grass": 0.20}  # of ECMWF's CMEM; crops have 0.15
 _THETA_DEG: Final = 40.0
 _HELD_DEG: Final = (20.0, 60.0)
 _TILT_DB_PER_DEG: Final = 0.28  # bare soil falls by 0.4 dB a degree, a closed canopy by 0.12
@@ -189,12 +190,12 @@ def season_depth(category: str, frequency_ghz: float) -> float:
 
     0 of a cover whose water is not known.
     """
-    return _depth(frequency_ghz) * _season_water(category)
+    return _depth(fields_by_category()[category].group, frequency_ghz) * _season_water(category)
 
 
-def _depth(frequency_ghz: float) -> float:
+def _depth(group: str, frequency_ghz: float) -> float:
     """Optical depth at the vertical of a kilogram of water on a square metre [Np m2/kg]."""
-    return _B_AT_GHZ[0] * frequency_ghz / _B_AT_GHZ[1]
+    return _B_M2_KG.get(group, 0.15) * frequency_ghz / _B_GHZ
 
 
 def _season_water(category: str) -> float:
@@ -243,7 +244,7 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
     share = _share_of_c(frequency_ghz)
     if share == 1.0:
         return at_c
-    rate = 2.0 * _depth(frequency_ghz) / math.cos(math.radians(_THETA_DEG))
+    rate = 2.0 * _depth(fields.group, frequency_ghz) / math.cos(math.radians(_THETA_DEG))
     through = np.exp(-rate * _canopy(category)[0])
     at_level = math.exp(-rate * fields.level_water_kg_m2)
     reference = float(through[_FLIGHTS].mean()) if math.isnan(at_level) else at_level

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
+from seqrsm.scattering.calendar import canopy_share, season_depth
+from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity import MOISTURE_NODES, emissivity_mo82, load_emissivity_table
 from seqrsm.scattering.emissivity_curves import interpolated
 from seqrsm.scattering.models import reflectivity_fresnel
@@ -77,6 +79,39 @@ def test_soil_moisture_darkens_soil_and_what_lets_it_through():
     # Vegetation hides the soil more at a higher frequency.
     grass = [np.ptp(TABLE.lookup(["Grass"], f, "H").emissivity[0, :, 30]) for f in (1.4, 5.4, 10.7)]
     assert grass[0] > 1.5 * grass[1] > 2.0 * grass[2]
+
+
+@pytest.mark.parametrize(("day", "depth"), [(180, 0.64), (210, 0.91)])
+def test_a_radiometer_sees_the_canopy_that_a_radar_sees(day, depth):
+    """Maize by WOFOST for Brussels, with b = 0.15 of crops at L band in ECMWF's CMEM."""
+    seasonal = TABLE.models["Corn"].tau_20ghz * 1.4 / 20.0
+    assert seasonal * canopy_share("Corn", day, "") == pytest.approx(depth, rel=0.02)
+    assert seasonal == pytest.approx(season_depth("Corn", 1.4), rel=1e-12)
+
+
+CANOPIES = ["Trees", "Grass", "Hay", "Oats", "Corn", "Wheat", "Forage", "Vegetables"]
+
+
+@pytest.mark.parametrize("name", CANOPIES)
+def test_albedo_of_a_canopy_is_the_best_for_table_3(name):
+    model, theta = TABLE.models[name], np.deg2rad(np.arange(0.0, 81.0, 10.0))
+    soil = permittivity_soil(20.0, np.array([0.2]))
+
+    def rms(omega):
+        own = emissivity_mo82(soil, model.roughness, model.tau_20ghz, omega, theta, "H")
+        return np.sqrt(np.mean((own - TABLE_3[name]) ** 2))
+
+    best = optimize.minimize_scalar(rms, bounds=(0.0, 0.3), method="bounded")
+    assert model.omega == pytest.approx(best.x, abs=1e-3)
+    assert model.note.endswith(f"rms {rms(model.omega):.4f}")
+
+
+def test_dense_crops_hide_the_soil_above_l_band():
+    """Njoku et al. 2003 (IEEE TGRS 41(2)): at 6.9 GHz soil shows through canopies of up to 1.5 kg/m2 only."""
+    for name in ("Corn", "Wheat", "Vegetables"):  # 2 to 5 kg/m2
+        at = {f: np.ptp(TABLE.lookup([name], f, "H").emissivity[0, 3:11, 40]) for f in (1.4, 6.9, 10.7)}
+        assert at[1.4] > 0.02
+        assert at[6.9] < 0.1 * at[1.4] > at[10.7]
 
 
 def test_water_follows_the_dielectric_model():
