@@ -6,9 +6,10 @@ season was measured, it is a water cloud over the table's bare soil,
 
     sigma0(d) = canopy (1 - T(d)) + soil T(d),    T(d) = exp(-2 b W(d) / cos theta),
 
-with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz (0.20 of grass), and the canopy's own return such that
-the mean of 22 June to 19 July, when the two L-band flights took place, is the table's level. Between L and C band the
-course is linear in the logarithm of frequency; X and Ku bands follow C band, cereals to 0.7 and 0.5 of it (assumed).
+with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz (grass 0.20), and the canopy's own return
+such that the mean of 22 June to 19 July, when the two L-band flights took place, is the table's level. Between L and C
+band the course is linear in the logarithm of frequency; X and Ku bands follow C band, cereals to 0.7 and 0.5 of it
+(assumed). A radiometer sees the same canopy.
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
 late (`data/calendar_fields.csv`). All dates see the same draw of them.

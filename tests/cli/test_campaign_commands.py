@@ -70,7 +70,7 @@ def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> N
     """Two parts of the half-width, what means rest on, and which are worth measuring: JSON, terminal and report."""
     (analysis,) = finished[1]["applications"]
     best, ground = analysis["optimum"], analysis["optimum"]["ground"]
-    whole, chance = ((best[name]["high"] - best[name]["low"]) / 2.0 for name in ("whole", "by_chance"))
+    whole, chance = (best[name]["half_width"] for name in ("whole", "by_chance"))
     assert best["whole"] == {k: v for k, v in best["prediction_mean"].items() if k != "replicates"}
     assert whole**2 == pytest.approx(chance**2 + ground["half_width"] ** 2)
     assert (ground["n_worlds"], ground["n_simulations"]) == (16, 32)

@@ -159,7 +159,7 @@ higher level.
 
 Skill of a radiometer with footprints of 100 m: share of the variance of the moisture of squares of 250 m that is
 retrieved (0 guessing, 1 perfect), with the valley's parcels all under one cover. Optical depths go with the water of
-the canopy, 0.15 Np m2/kg (grass 0.20) at 1.4 GHz, and with frequency; trees have 1.0 there.
+the canopy, 0.15 Np m2/kg (grass 0.20) at 1.4 GHz, and with frequency; trees have 0.65 there.
 """,
         *skills(worlds),
         """

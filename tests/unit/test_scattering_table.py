@@ -70,7 +70,7 @@ def test_notes_tell_every_assumption() -> None:
     for words in (
         "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.2 dB)",
         "Wheat: level, with the regression's course over angle (measured: flevoland; measured: s1_central_europe",
-        "Trees: albedo 0.20 at 1.25 GHz (assumed)",
+        "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 at 1.25 GHz",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
         "Wheat HH: field sd 1.37 dB (computed: flevoland), date sd 1.44 dB (assumed",
