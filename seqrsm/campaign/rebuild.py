@@ -62,7 +62,9 @@ def _read(source: Path) -> Mapping[str, Any]:
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:
         message = "this is not an export that this program can rebuild"
-        raise StoreError(Problem(message, _AGAIN, file=str(source), field="format", value=found))
+        newer = str(found).startswith(FORMAT.rstrip("0123456789"))
+        remedy = "Upgrade seqrsm: pip install --upgrade seqrsm" if newer else _AGAIN
+        raise StoreError(Problem(message, remedy, file=str(source), field="format", value=found))
     return dict(document)
 
 

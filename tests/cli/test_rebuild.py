@@ -150,6 +150,12 @@ def test_damaged_exports_are_refused_and_leave_nothing(simulated, tmp_path):
     assert not Path("/tmp/stolen-by-seqrsm.npz").exists()
 
 
+@pytest.mark.parametrize(("form", "remedy"), [("seqrsm-export-2", "pip install --upgrade"), ("other", "Export the")])
+def test_an_export_of_another_form_says_what_to_do(tmp_path, form, remedy):
+    (tmp_path / "x.json").write_text(json.dumps({"format": form}), encoding="utf-8")
+    assert remedy in call("init", tmp_path / "new", "--from", tmp_path / "x.json", code=2)
+
+
 def test_a_large_scene_is_named_by_its_hash(simulated, tmp_path, monkeypatch):
     monkeypatch.setattr("seqrsm.campaign.export.MAX_ATTACHED", 10)
     call("export", simulated, tmp_path / "all.json")
