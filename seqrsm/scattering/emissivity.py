@@ -220,9 +220,10 @@ class EmissivityTable:
             remedy = f"Stay within {low:g} to {high:g} GHz"
             problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
         names = tuple(categories)
-        for name in dict.fromkeys(names):
-            if name not in self.curves and name not in self.mixes:
-                problems += unknown_cover("emissivity", (*self.curves, *self.mixes), self.file, name).problems
+        known = (*self.curves, *self.mixes)
+        problems += [
+            unknown_cover("emissivity", known, self.file, name) for name in dict.fromkeys(names) if name not in known
+        ]
         if problems:
             raise ScatteringDataError(*problems)
         found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}

@@ -26,15 +26,13 @@ COVER: Final = "cover"
 _MAX_BYTES: Final = 50_000_000
 
 
-def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> ScatteringDataError:
+def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> Problem:
     """A cover that a table of this quantity has not."""
     remedy = (
         f"The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its rows in a "
         "table of your own"
     )
-    return ScatteringDataError(
-        Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)
-    )
+    return Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)
 
 
 @dataclass(frozen=True, slots=True)

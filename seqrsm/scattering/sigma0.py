@@ -241,7 +241,7 @@ class Sigma0Table:
         if curve is not None:
             return curve
         if category not in self.categories:
-            raise unknown_cover("backscatter", self.categories, self.file, category)
+            raise ScatteringDataError(unknown_cover("backscatter", self.categories, self.file, category))
         seasons = ", ".join(s for c, s in self.curves if c == category)
         message = f"the table has no backscatter of {category} in this season"
         raise ScatteringDataError(

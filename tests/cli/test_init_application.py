@@ -129,6 +129,8 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     coarse = campaign_text(applications_of(["crop"]), Site(80.0, 29000.0))  # 10 to 50 m are printed
     assert "not attainable here, the scene has cells of 80 m: the full range instead" in coarse
     assert "low = 80.0\nhigh = 800.0" in coarse
+    small = campaign_text(applications_of(["soil moisture"]), Site(20.0, 1600.0))  # a radiometer's
+    assert "low = 60.0\nhigh = 200.0" in small
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
     assert checked.exit_code == 0, checked.output
     assert "Warning" not in checked.output

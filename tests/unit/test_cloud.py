@@ -83,6 +83,7 @@ def test_gain_is_what_conditioning_takes_off(found) -> None:
     process, made = found
     rng = np.random.default_rng(3)
     cloud = Cloud(process, BOX, TOP, made, 1.0, rng)
+    assert cloud.noise == pytest.approx(np.mean((process.scatter * process.hyper.noise) ** 2))
     best = np.argmax(cloud.draws(12, rng), axis=1)
     (one,) = propose_from_process(process, BOX, TOP, made, np.zeros(len(made), dtype=bool), 1, seed=3, weight=2.0)
     index = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
