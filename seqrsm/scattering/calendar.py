@@ -117,7 +117,7 @@ def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
 
 def level_days(frequency_ghz: float) -> FloatArray:
     """Weights (365,) of the days for which the tables' levels hold: the L-band flights', May to August from C band."""
-    share, weights = _share_of_c(frequency_ghz), np.zeros(DAYS.size)
+    share, weights = share_of_c(frequency_ghz), np.zeros(DAYS.size)
     weights[_FLIGHTS] += (1.0 - share) / (_FLIGHTS.stop - _FLIGHTS.start)
     weights[_SUMMER_DAYS] += share / (_SUMMER_DAYS.stop - _SUMMER_DAYS.start)
     return weights
@@ -242,7 +242,7 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
         at_c = np.where(at_c < 0.0, 0.5 * at_c, at_c)
     if fields.group == "cereal":
         at_c = at_c * np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ, _KU_GHZ]), [1.0, 0.7, 0.5])
-    share = _share_of_c(frequency_ghz)
+    share = share_of_c(frequency_ghz)
     if share == 1.0:
         return at_c
     rate = 2.0 * _depth(fields.group, frequency_ghz) / math.cos(math.radians(_THETA_DEG))
@@ -254,7 +254,7 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
     return np.asarray(share * at_c + (1.0 - share) * 10.0 * np.log10(own * (1.0 - through) + soil * through))
 
 
-def _share_of_c(frequency_ghz: float) -> float:
+def share_of_c(frequency_ghz: float) -> float:
     """Where a frequency lies from L band, 0, to C band and beyond, 1."""
     return float(np.clip(math.log(frequency_ghz / _L_GHZ) / math.log(_C_GHZ / _L_GHZ), 0.0, 1.0))
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.calendar import Course, course, level_days, on_day
+from seqrsm.scattering.calendar import Course, course, level_days, on_day, share_of_c
 from seqrsm.scattering.curves import (
     THETA_DEG,
     Curve,
@@ -30,7 +30,7 @@ from seqrsm.scattering.curves import (
     weakest,
 )
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows, unknown_cover
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, Row, read_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -58,15 +58,15 @@ class Variability:
 
     Attributes
     ----------
-    field_sd_db : float
-        Standard deviation from field to field on one date [dB].
+    field_sd_db : tuple of float
+        Standard deviation from field to field on one date in L band and below, and in C band and above [dB].
     date_sd_db : float
         Standard deviation from date to date, common to all fields [dB].
     note : str
         Status of both.
     """
 
-    field_sd_db: float
+    field_sd_db: tuple[float, float]
     date_sd_db: float
     note: str
 
@@ -202,7 +202,12 @@ class Sigma0Table:
         factor = {category: self.world.field_factor(category) if self.world else 1.0 for category in found}
         notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
         notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
-        notes.append(f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} (assumed)")
+        related = f"{self.channel_correlation:g} (computed: flevoland)"
+        notes.append(f"correlation of the field-to-field draws of two channels: {related}")
+        in_c = share_of_c(float(frequency_ghz))
+        field_sd = {
+            name: factor[name] * float(np.interp(in_c, (0.0, 1.0), v.field_sd_db)) for name, v in spread.items()
+        }
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
@@ -215,7 +220,7 @@ class Sigma0Table:
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(value),
-            field_sd_db=np.array([spread[name].field_sd_db * factor[name] for name in names]),
+            field_sd_db=np.array([field_sd[name] for name in names]),
             date_sd_db=np.array([spread[name].date_sd_db for name in names]),
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
@@ -249,7 +254,7 @@ class Sigma0Table:
         )
 
     def _variability(self, category: str, channel: str) -> Variability:
-        assumed = Variability(_UNKNOWN_SD_DB, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
+        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         return self.variability.get((category, channel), assumed)
 
 
@@ -391,21 +396,24 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 
+def _variability_of(row: Row) -> Variability:
+    """What a row of `data/variability.csv` says."""
+    low, high = row.text("field_sd_db"), row.text("c_band_field_sd_db")
+    note = f"field sd {low} dB ({row.text('field_status')}: {row.text('field_source')})"
+    if high:
+        note += f", from C band on {high} dB ({row.text('c_band_status')}: {row.text('c_band_source')})"
+    note += f", date sd {row.text('date_sd_db')} dB ({row.text('date_status')}: {row.text('date_source')})"
+    return Variability((float(low), float(high or low)), float(row.text("date_sd_db")), note)
+
+
 @lru_cache(maxsize=1)
 def _shipped_table() -> Sigma0Table:
     """The shipped table, read once in a process."""
     correlation = next(r for r in read_parameters() if r.text("parameter") == "channel_correlation")
-    columns = ("category", "polarization", "field_sd_db", "field_status", "field_source", "date_sd_db", "date_status",
-               "date_source")  # fmt: skip
-    variability = {
-        (row.text("category"), row.text("polarization")): Variability(
-            float(row.text("field_sd_db")),
-            float(row.text("date_sd_db")),
-            f"field sd {row.text('field_sd_db')} dB ({row.text('field_status')}: {row.text('field_source')}), "
-            f"date sd {row.text('date_sd_db')} dB ({row.text('date_status')}: {row.text('date_source')})",
-        )
-        for row in read_rows(DATA / "variability.csv", columns)
-    }
+    columns = ("category", "polarization", "field_sd_db", "field_status", "field_source", "c_band_field_sd_db",
+               "c_band_status", "c_band_source", "date_sd_db", "date_status", "date_source")  # fmt: skip
+    rows = read_rows(DATA / "variability.csv", columns)
+    variability = {(row.text("category"), row.text("polarization")): _variability_of(row) for row in rows}
     curves = shipped_curves()
     curves |= seasonal_curves(curves)
     return Sigma0Table(curves, variability, float(correlation.text("value")))
@@ -433,7 +441,7 @@ def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
     for key, sd in field_sd_db.items():
         date = shipped.variability[key].date_sd_db if key in shipped.variability else 0.0
         variability[key] = Variability(
-            sd, date, f"field sd {sd:g} dB (from {Path(path).name}), date sd {date:g} dB (assumed)"
+            (sd, sd), date, f"field sd {sd:g} dB (from {Path(path).name}), date sd {date:g} dB (assumed)"
         )
     kept = {key: curve for key, curve in shipped.curves.items() if key[0] not in replaced}
     return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, str(path))

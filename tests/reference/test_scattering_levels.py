@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import sys
 from collections import defaultdict
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,10 @@ import pytest
 from seqrsm.scattering.models import backscatter_ulaby89_db
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.layers import categories_of_fields
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
+import validate_flevoland
 
 ALTITUDE_M, NEAR_DEG, SPACING_M = 8000.0, 20.0, 6.66
 TABLE = load_sigma0_table()
@@ -204,19 +209,79 @@ def test_field_spread(category: str, base: str, channel: str) -> None:
     sd = np.array([float(row[f"{channel.lower()}_sd_dB"]) for row in rows])
     means = [excess(row["class"], base, channel) for row in rows]
     between = np.var(means, ddof=1) if len(means) > 1 else 0.0
-    columns = (
-        "category",
-        "polarization",
-        "field_sd_db",
-        "field_status",
-        "field_source",
-        "date_sd_db",
-        "date_status",
-        "date_source",
-    )
-    got = next(
-        float(r.text("field_sd_db"))
-        for r in read_rows(DATA / "variability.csv", columns)
-        if (r.text("category"), r.text("polarization")) == (category, channel)
-    )
+    got = field_sd_db(category, channel, "field_sd_db")
     assert got == pytest.approx(np.sqrt(np.average(sd**2, weights=n) + between), abs=0.006)
+
+
+SPREAD = ("category", "polarization", "field_sd_db", "field_status", "field_source", "c_band_field_sd_db",
+          "c_band_status", "c_band_source", "date_sd_db", "date_status", "date_source")  # fmt: skip
+
+
+def field_sd_db(category: str, channel: str, column: str) -> float:
+    """Of the shipped file."""
+    rows = read_rows(DATA / "variability.csv", SPREAD)
+    return next(
+        float(r.text(column)) for r in rows if (r.text("category"), r.text("polarization")) == (category, channel)
+    )
+
+
+@pytest.mark.parametrize("channel", POLARIZATIONS)
+@pytest.mark.parametrize(
+    ("category", "crop"),
+    [
+        ("Wheat", "winter wheat"),
+        ("Oats", "winter barley"),
+        ("Corn", "maize"),
+        ("Rapeseed", "winter rapeseed"),
+        ("Grass", "permanent grassland"),
+        ("Hay", "temporary grassland"),
+        ("Forage", "temporary grassland"),
+    ],
+)
+def test_c_band_field_spread_is_that_of_the_french_parcels(category: str, crop: str, channel: str) -> None:
+    """Under a closed canopy: the lasting deviation and half of the seasonal one."""
+    measured = "VH" if channel == "HV" else "VV"
+    row = next(r for r in data("field_deviation.csv") if (r["crop"], r["pol"]) == (crop, measured))
+    expected = np.hypot(0.5 * float(row["sd_season"]), float(row["sd_permanent"]))
+    assert field_sd_db(category, channel, "c_band_field_sd_db") == pytest.approx(expected, abs=0.006)
+
+
+@pytest.mark.parametrize("channel", ["HV", "VV"])
+def test_c_band_spread_of_vegetables_is_that_of_potato_parcels(channel: str) -> None:
+    """1637 parcels of one province: 0.8 dB under a closed canopy, and what faba bean, potato and pea differ by."""
+    rows = [r for r in data("potato_field_sd.csv") if r["polarization"] == channel]
+    closed = [float(r["sd_field_db"]) for r in rows if 173 <= int(r["day_of_year"]) <= 200]
+    levels = [
+        float(r.text("sigma0_db"))
+        for r in read_rows(DATA / "levels.csv", COLUMNS)
+        if (r.text("category"), r.text("frequency_ghz"), r.text("polarization")) == ("Vegetables", "5.4", channel)
+    ]
+    expected = np.hypot(np.sqrt(np.mean(np.square(closed))), np.std(levels, ddof=1))
+    assert field_sd_db("Vegetables", channel, "c_band_field_sd_db") == pytest.approx(expected, abs=0.015)
+
+
+def test_field_spread_goes_from_l_to_c_band() -> None:
+    """Straight over the logarithm of frequency, held beyond."""
+    sd = [float(TABLE.lookup(["Vegetables"], f, "VV").field_sd_db[0]) for f in (0.7, 1.25, 2.598, 5.4, 13.6)]
+    assert sd == pytest.approx([2.14, 2.14, 0.5 * (2.14 + 0.93), 0.93, 0.93], abs=1e-3)
+
+
+def test_channels_of_fields_are_correlated_as_in_the_flight() -> None:
+    """Fields of 20 cells or more about the mean of their crop; 57 degrees of freedom, so that 0.06 is one error."""
+    labels = validate_flevoland.scene()
+    with np.load(validate_flevoland.OUT / "flevoland_fields.npz") as archive:
+        mean = np.stack([archive[name] for name in ("hh_db", "hv_db", "vv_db")])
+    inside = np.bincount(labels.field_id[labels.scored], minlength=labels.n_fields) >= 20
+    category = categories_of_fields(labels)
+    total, freedom = np.zeros((3, 3)), 0
+    for k, name in enumerate(labels.categories):
+        own = mean[:, inside & (category == k)]
+        if own.shape[1] < 3 or name.split(" (")[0] in ("Forest", "Bare soil", "Water", "Buildings"):
+            continue
+        left = own - own.mean(axis=1, keepdims=True)
+        left /= left.std(axis=1, ddof=1)[:, None]
+        total, freedom = total + left @ left.T, freedom + own.shape[1] - 1
+    related = (total / freedom)[np.triu_indices(3, 1)]
+    assert freedom == 57
+    assert related.mean() == pytest.approx(TABLE.channel_correlation, abs=0.01)
+    assert np.ptp(related) < 0.12  # one number for the three pairs
