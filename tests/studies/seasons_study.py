@@ -65,6 +65,7 @@ CONTRASTS = (
     ("both bands over L, season", "C+L, monthly", "L, quad, monthly", "+5", "Skriver 2012"),
     ("C over L, season", "C, VV+VH, monthly", "L, quad, monthly", "0", "Skriver 2012"),
     ("C over L, cross, weekly", "C, cross, weekly", "L, cross, weekly", "0", "Skriver 2011 (AgriSAR)"),
+    ("C on more dates than L", "C, VV+VH, 5 dates", "L, quad, 1 date", "+10", "McNairn 2009: 80 and 70"),
     ("five dates over one, C", "C, VV+VH, 5 dates", "C, VV+VH, 1 date", "positive", "as all of them say"),
 )  # fmt: skip
 
