@@ -4,8 +4,7 @@
 coefficients b are normal about 0 with one free scale, with the products of categories and squares that the quadratic
 model has not; f is a Matern 5/2 process with a length of its own for each numeric factor and one correlation between
 the levels of categories. Bends, scales, lengths and noise have priors, in units of the scores' scatter and of the
-region, and are sampled with emcee: nothing rests on one best guess of them. Noise that grows where scores are poorer
-was a part of it, and gained nothing on any kind of surface, such noise included (`reports/peers/ablation.md`).
+region, and are sampled with emcee: nothing rests on one best guess of them.
 
 References
 ----------

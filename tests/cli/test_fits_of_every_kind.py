@@ -17,7 +17,7 @@ from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_sections
-from seqrsm.report.sections.optimum import optimum_section
+from seqrsm.report.sections.optimum import optimum_section, shape_section
 from seqrsm.spec.tables import StopSpec
 
 Rows = list[dict]
@@ -117,6 +117,21 @@ def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, docume
     assert stop["noise_floor"] <= stop["attainable_half_width"] <= stop["half_width"]
     assert stop["half_width"] == pytest.approx(best["prediction"]["half_width"], rel=1e-12)
     assert drawn["credible"]["low"] < drawn["mean"] < drawn["credible"]["high"]
+
+
+def test_a_stationary_point_far_away_has_no_settings(analysis: Analysis, capsys) -> None:
+    """A logarithmic factor reads 0.0 GHz there."""
+    numeric = analysis.region.numeric
+    assert analysis.stationary is not None
+    point = analysis.stationary.point.copy()
+    point[list(numeric)] = -50.0
+    at_the_end = {**analysis.fitted.region.decode([np.where(np.isfinite(point), -1.0, point)])[0]}
+    moved = replace(analysis.stationary, kind="saddle", point=point)
+    show_sections([shape_section(replace(analysis, stationary=moved), "")])
+    told = " ".join(capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ").split())
+    for index in numeric:
+        name = analysis.region.names[index]
+        assert f"{name.replace('_', ' ')} far below {at_the_end[name]:.3g}" in told
 
 
 def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, document: dict, capsys) -> None:

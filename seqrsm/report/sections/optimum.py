@@ -72,6 +72,7 @@ from seqrsm.report.wording import (
 from seqrsm.spec.tables import StopSpec
 
 _WATCHED = {"confidence": "Mean score", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
+_FAR = 5.0  # coded: a stationary point beyond it has no settings worth a number
 
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
@@ -270,8 +271,12 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
     errors, settings = natural_errors(analysis.region, point, se), []
     for index in analysis.region.numeric:
         factor = numeric_factor(analysis, index)
-        with np.errstate(over="ignore"):  # a stationary point may lie anywhere
-            value = float(factor.decode(point[index]))
+        end = math.copysign(1.0, point[index])
+        if abs(point[index]) > _FAR:
+            bound = with_unit(format_significant(float(factor.decode(end)), 3), factor.unit)
+            settings.append(f"{readable(factor.name)} far {'above' if end > 0.0 else 'below'} {bound}")
+            continue
+        value = float(factor.decode(point[index]))
         error = errors[factor.name]
         known = math.isfinite(error) and error > 0.0
         text = format_plus_minus(value, error) if known else format_significant(value, 3)
