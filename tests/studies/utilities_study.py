@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 SKILL, ERROR = asked_for("soil_moisture_skill"), asked_for("soil_moisture_error")
 WINDOWS = (1, 3, 7, 15)
 PIXEL_M = 5.0
-UNITS = ("pixel", "neighbourhood", "field")
+UNITS = ("pixel", "neighbourhood", "segment", "field")
 BANDS = (1.4, 2.7, 5.4, 10.7, 18.7)
 DAYS = {"Bareground": (None,), "Grass": (None,), "Corn": (150.0, 210.0), "Wheat": (120.0, 170.0), "Trees": (None,)}
 
@@ -45,7 +45,10 @@ def shown(values: list[float], digits: int = 1) -> str:
 def windows(worlds: int) -> list[str]:
     """Percent correct over the multilook windows of a fine radar."""
     scene = load_scene(ROOT / "campaigns" / "langegracht-radar" / "scene.npz")
-    lines = ["| band | window | looks | " + " | ".join(f"by {unit}" for unit in UNITS) + " |", "|" + "---|" * 6]
+    lines = [
+        "| band | window | looks | " + " | ".join(f"by {unit}" for unit in UNITS) + " |",
+        "|" + "---|" * (3 + len(UNITS)),
+    ]
     for name, frequency in (("L", 1.25), ("C", 5.4)):
         for window in WINDOWS:
             settings = {"frequency": frequency, "polarization": "HH+HV+VV", "depression_angle": 45.0}
