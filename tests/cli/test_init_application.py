@@ -167,12 +167,17 @@ def test_every_entry_of_every_table_has_a_utility_or_a_sentence() -> None:
         "Soil Moisture for Yield Estimate": "soil_moisture_skill", "Soil Mapping": "", "Yield Prediction": "",
         "Crop Identification": "percent_correct by field", "Ship Navigation and Routing": "", "Sea Ice": "",
         "Wetland Hydrology and Delineation": "detection of Water", "Corn": "f1 of Corn by field", "Farm Practices": "",
+        "Cultivated Vegetation": "percent_correct by field", "Natural Vegetation": "percent_correct by field",
+        "Land Use Resources and Geographic Applications": "percent_correct by field",
         "Land Use (Suburban and Rural)": "percent_correct by field", "Density of Woody Vegetation": "",
     }.items():  # fmt: skip
         assert measure_of(words).utility == utility, words
     for words, says in {
         "Hurricane Damage Assessment": "how that fares", "Storms Over Land": "weather", "Rainfall": "weather",
         "Wind Stress Over Oceans": "sea", "Sea Ice Navigation and Mapping": "ice", "Traffic": "targets",
+        # Groups of section 1.2.
+        "Water Resources": "name one of those", "Oceanography": "sea", "Mineral Resources": "relief",
+        "Damage Assessment and Hazard Surveys": "how that fares",
         "Irrigation": "irrigated", "Runoff Coefficient Estimate": "hydrologist", "Resource Management": "no one thing",
     }.items():  # fmt: skip
         assert says in measure_of(words).says, words
