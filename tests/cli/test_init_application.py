@@ -176,7 +176,7 @@ def test_every_entry_of_every_table_has_a_utility_or_a_sentence() -> None:
         "Hurricane Damage Assessment": "how that fares", "Storms Over Land": "weather", "Rainfall": "weather",
         "Wind Stress Over Oceans": "sea", "Sea Ice Navigation and Mapping": "ice", "Traffic": "targets",
         # Groups of section 1.2.
-        "Water Resources": "name one of those", "Oceanography": "sea", "Mineral Resources": "relief",
+        "Water Resources": "entries to choose from", "Oceanography": "sea", "Mineral Resources": "relief",
         "Damage Assessment and Hazard Surveys": "how that fares",
         "Irrigation": "irrigated", "Runoff Coefficient Estimate": "hydrologist", "Resource Management": "no one thing",
     }.items():  # fmt: skip

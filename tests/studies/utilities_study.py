@@ -105,13 +105,13 @@ def shapes(worlds: int) -> list[str]:
                 {"frequency": frequency, "polarization": "HH+HV+VV", "depression_angle": 45.0, "resolution": 15.0},
                 {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0, "pixel_m": 5.0, "cell_shape": shape},
             )
-            cells = []
-            for unit in ("pixel", "field"):
-                values = []
-                for run in range(worlds):
-                    table = load_sigma0_table().in_world(World(19, run))
-                    image = simulate_radar(scene, one, table, seed=19, run_id=run)
+            cells, found = [], {"pixel": [], "field": []}
+            for run in range(worlds):
+                table = load_sigma0_table().in_world(World(19, run))
+                image = simulate_radar(scene, one, table, seed=19, run_id=run)
+                for unit, values in found.items():
                     values.append(percent_correct([image], scene, by=unit, seed=19, run_id=run).value)
+            for unit, values in found.items():
                 box = boxes.setdefault(unit, values)
                 away = "" if values is box else f" ({shown([v - b for v, b in zip(values, box, strict=True)])})"
                 cells.append(shown(values) + away)
