@@ -1,8 +1,8 @@
 """What pixels, neighbourhoods and fields score over windows, and how well soil moisture is retrieved by band and cover.
 
-    OPENBLAS_NUM_THREADS=1 python tests/studies/utilities_study.py [--worlds 30]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/utilities_study.py --flight AIRSAR.npz [--worlds 30]
 
-Writes ``reports/validation/utilities.md``.
+Writes ``reports/validation/utilities.md``. The flight's quantised planes are those of ``validate_flevoland.py``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import validate_flevoland as flevoland
 
 from seqrsm.scattering.calendar import canopy_share
 from seqrsm.scattering.emissivity import load_emissivity_table
@@ -91,6 +92,37 @@ def windows(worlds: int) -> list[str]:
                     found[unit].append(percent_correct([image], scene, by=unit, seed=19, run_id=run).value)
             cells = " | ".join(shown(found[unit]) for unit in UNITS)
             lines.append(f"| {name} | {window} | {image.looks.mean():.0f} | {cells} |")
+    return lines
+
+
+def of_flight(path: Path) -> list[str]:
+    """Percent correct over windows of a real image: AIRSAR at L band over the labelled fields of Flevoland."""
+    scene = flevoland.scene()
+    one_cover = replace(scene, categories=("Grass",), cover=np.zeros_like(scene.cover))
+    with np.load(path) as planes:
+        power = [10.0 ** (0.1 * (planes[f"{c}_q"].astype(np.float64).ravel() / 4.0 - 60.0)) for c in ("hh", "hv", "vv")]
+    lines = ["| window | looks | " + " | ".join(f"by {unit}" for unit in UNITS) + " |", "|" + "---|" * (2 + len(UNITS))]
+    for window in WINDOWS:
+        looks = 4.0 * flevoland.EFFECTIVE * window**2
+        one = radar.from_settings(
+            {"frequency": 1.25, "polarization": "HH+HV+VV", "depression_angle": 45.0, "looks": looks,
+             "resolution": window * flevoland.CELL_M},
+            {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 8000.0},
+        )  # fmt: skip
+        image = simulate_radar(one_cover, one, load_sigma0_table(), seed=19, run_id=0, random_occasion=False)
+        pixel, n = image.pixel_of_cell.ravel(), image.intensity[0].size
+        mean = np.stack([np.bincount(pixel, p, n) / np.bincount(pixel, minlength=n) for p in power])
+        image = replace(
+            image,
+            intensity=mean.reshape(image.intensity.shape) * image.calibration_w[:, None],
+            mean_power=np.ones_like(image.intensity),
+            noise_power_w=np.zeros(len(image.looks)),  # no pixel is in shadow
+        )
+        found = [
+            np.mean([percent_correct([image], scene, by=unit, seed=19, run_id=k).value for k in range(10)])
+            for unit in UNITS
+        ]
+        lines.append(f"| {window} | {image.looks.mean():.0f} | {' | '.join(f'{value:.0f}' for value in found)} |")
     return lines
 
 
@@ -191,12 +223,14 @@ def main() -> None:
     """Run all and write the page."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--worlds", type=int, default=30)
-    worlds = parser.parse_args().worlds
+    parser.add_argument("--flight", type=Path, required=True, help="planes as of validate_flevoland.py")
+    given = parser.parse_args()
+    worlds = given.worlds
     parts = (
         f"""# Utilities: covers by pixel and by field, soil moisture by band and cover
 
-Written by `python tests/studies/utilities_study.py --worlds {worlds}`; means over {worlds} worlds, each with an
-occasion of its own, with 95 % intervals.
+Written by `python tests/studies/utilities_study.py --flight AIRSAR.npz --worlds {worlds}`; means over {worlds} worlds,
+each with an occasion of its own, with 95 % intervals.
 
 ## Windows
 
@@ -207,6 +241,11 @@ and 15 gave 59, 80, 87 and 87 % by pixel and 93, 93, 94 and 87 % by field: the c
 higher level. Segments are parcels found in the images; known parcels are better by what that gets wrong.
 """,
         *windows(worlds),
+        """
+The same on a real image, by ten splits into training and test fields: AIRSAR at L band, HH, HV and VV, over the
+labelled fields of Flevoland, windows of pixels of 12 m.
+""",
+        *of_flight(given.flight),
         """
 ## Shape of the resolution cell
 
