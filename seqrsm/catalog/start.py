@@ -14,7 +14,7 @@ from itertools import pairwise
 from math import inf
 
 from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.search import entries_about, words_of
+from seqrsm.catalog.search import entries_about, platforms_called, table_called, words_of
 from seqrsm.catalog.tables import Entry, Range
 from seqrsm.errors import Problem, UserError
 
@@ -252,12 +252,17 @@ def _polarization(entries: Sequence[Entry]) -> StartLevels:
 
 
 def _none_found(words: str, system: str) -> UserError:
-    known = {word for entry in load_catalog().entries if entry.system == system for word in words_of(entry.name)}
+    for kind, named in (("table", table_called(words)), ("spacecraft", platforms_called(words))):
+        if named:
+            hint = f"Name what you want to observe; `seqrsm catalog {words.strip()}` shows the {kind}."
+            return UserError(Problem(f"this is a {kind}, not an application", hint, value=words))
+    elsewhere = any(entry.system != system for entry in entries_about(words))
+    entries = [entry for entry in load_catalog().entries if entry.system == system or not elsewhere]
+    known = {word for entry in entries for word in words_of(entry.name)}
     near = [match for word in words_of(words) for match in difflib.get_close_matches(word, known, n=2)]
     hint = f"Near words in the tables: {', '.join(dict.fromkeys(near))}." if near else "Use fewer or other words."
-    return UserError(
-        Problem(f"no {system} application of Tables A.1 to A.20 holds all of these words", hint, value=words)
-    )
+    kind = f"{system} application" if elsewhere else "application"
+    return UserError(Problem(f"no {kind} of Tables A.1 to A.20 holds all of these words", hint, value=words))
 
 
 def start_ranges(words: str, *, system: str = "active") -> StartRanges:

@@ -1,4 +1,4 @@
-"""How well images name the cover of the ground: by pixel, neighbourhood or field, in the measures of mapping.
+"""How well images name the cover of the ground: by pixel, neighbourhood, segment or field, in the measures of mapping.
 
 Every scored cell of the data base counts, so an image whose pixels straddle field borders pays for them.
 """

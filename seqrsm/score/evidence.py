@@ -1,4 +1,4 @@
-"""What images show of each unit of ground that is classified: pixels, their neighbourhood, or fields.
+"""What images show of each unit of ground that is classified: pixels, their neighbourhood, segments or fields.
 
 Pixels are those of the finest image; another image's values are averaged over the cells of each. Tiles of ground are
 the groups that are taught and tested apart: all that a field shows belongs to one of them.
@@ -7,7 +7,7 @@ the groups that are taught and tested apart: all that a field shows belongs to o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
@@ -37,6 +37,9 @@ TILES_ACROSS = 8
 
 WINDOW = 7
 """Side of the neighbourhood [pixels]."""
+
+BY_NOISE = 1e-6
+"""Chance at which noise alone makes two pieces of ground differ so much that a segmentation keeps them apart."""
 
 _FEW = 20  # fields or pixels of a class, in both halves
 _SOME = 10_000
@@ -119,9 +122,10 @@ def evidence_of(
         One at least.
     scene : Scene
         The scene they were made of.
-    by : {"pixel", "neighbourhood", "field"}
-        Unit of ground: a pixel; a pixel after an adaptive filter over its neighbours (`WINDOW`); a field of the scene,
-        by the mean over the pixels that lie inside it, or over its cells where none does.
+    by : {"pixel", "neighbourhood", "segment", "field"}
+        Unit of ground: a pixel; a pixel after an adaptive filter over its neighbours (`WINDOW`); a segment of the
+        images, by the mean over its pixels; a field of the scene, by the mean over the pixels that lie inside it, or
+        over its cells where none does.
     seed, run_id : int
         Key of the split of tiles into halves.
     tile_m : float, optional
@@ -131,26 +135,18 @@ def evidence_of(
     """
     base = min(images, key=_side_m)
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id, tile_m=tile_m)
-    places: list[tuple[Image, AnyArray]] = [(base, pixels.pixel)]
-    powers, angles = [], []
-    for image in images:
-        layers = layers_of(image, smooth=by == "neighbourhood")
-        own = next((found for other, found in places if _same_grid(other, image)), None)
-        if own is None:
-            own = image.pixel_of_cell
-            places.append((image, own))
-        if own is not pixels.pixel:
-            layers = kernels_classify.mean_of_pixels(pixels.pixel, own, layers, len(pixels.counts))
-        is_radar = isinstance(image, RadarImage)
-        powers.append((is_radar, layers if is_radar else layers[:-1]))
-        angles += [] if is_radar else [layers[-1:]]
-    n = [len(layers) for _, layers in powers]
-    is_power = np.repeat([radar for radar, _ in powers], n)
-    layers = np.vstack([*(layers for _, layers in powers), *angles], dtype=np.float64)
-    is_power = np.append(is_power, np.zeros(len(angles), dtype=bool))
+    each = _on_pixels(images, base, pixels, lambda image: layers_of(image, smooth=by == "neighbourhood"))
+    radar = [isinstance(image, RadarImage) for image in images]
+    angles = [layers[-1:] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
+    powers = [layers if is_radar else layers[:-1] for layers, is_radar in zip(each, radar, strict=True)]
+    is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
+    layers = np.vstack([*powers, *angles], dtype=np.float64)
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
     if by == "field":
         layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
+    elif by == "segment":
+        segment = _segments(images, base, pixels)
+        layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
     layers = _in_db(layers, is_power, counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, holds_cells(counts))
@@ -171,18 +167,29 @@ def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
         After Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle adds.
     """
     if isinstance(image, RadarImage):
-        power = image.apparent_sigma0()
         if smooth:
-            db = decibels(power.reshape(len(power), -1).astype(np.float64)).reshape(power.shape)
-            # Variance of ln of a gamma variable: the trigamma function of its looks.
-            noise = (10.0 / math.log(10.0)) ** 2 * special.polygamma(1, image.looks)[:, None]
-            power = 10.0 ** (0.1 * np.stack([_lee(layer, noise) for layer in db]))
+            return np.asarray(10.0 ** (0.1 * _smoothed(image)).reshape(len(image.intensity), -1))
+        power = image.apparent_sigma0()
         return np.asarray(power.reshape(len(power), -1))
-    brightness = image.brightness_k
-    if smooth:
-        brightness = np.stack([_lee(b, n**2) for b, n in zip(brightness, image.nedt_k, strict=True)])
+    brightness = _smoothed(image) if smooth else image.brightness_k
     angle = np.repeat(np.square(image.scan.look_rad), brightness.shape[2])
     return np.vstack([brightness.reshape(-1, angle.size), angle], dtype=np.float64)
+
+
+def _values(image: Image) -> tuple[AnyArray, AnyArray]:
+    """Decibels or brightness [K] of pixels, (d, rows, columns), and the variance of its noise, which adds to either."""
+    if not isinstance(image, RadarImage):
+        return image.brightness_k, np.square(image.nedt_k)
+    power = image.apparent_sigma0()
+    db = decibels(power.reshape(len(power), -1).astype(np.float64)).reshape(power.shape)
+    # Variance of ln of a gamma variable: the trigamma function of its looks.
+    noise = (10.0 / math.log(10.0)) ** 2 * special.polygamma(1, image.looks)[:, None]
+    return db, np.broadcast_to(noise, db.shape)
+
+
+def _smoothed(image: Image) -> FloatArray:
+    """The values of an image after Lee's filter."""
+    return np.stack([_lee(value, noise) for value, noise in zip(*_values(image), strict=True)])
 
 
 def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
@@ -298,6 +305,72 @@ def _of_fields(
     return np.where(np.isnan(found), whole, found), counts, at[first], _or_all(teaching, counts), unit
 
 
+def _on_pixels(
+    images: Sequence[Image], base: Image, pixels: Pixels, layers_of_one: Callable[[Image], AnyArray]
+) -> list[AnyArray]:
+    """Layers (d, n_pixels) of each image on the pixels of the finest, ``base``."""
+    places: list[tuple[Image, AnyArray]] = [(base, pixels.pixel)]
+    found = []
+    for image in images:
+        layers = layers_of_one(image)
+        own = next((place for other, place in places if _same_grid(other, image)), None)
+        if own is None:
+            own = image.pixel_of_cell
+            places.append((image, own))
+        if own is not pixels.pixel:
+            layers = kernels_classify.mean_of_pixels(pixels.pixel, own, layers, len(pixels.counts))
+        found.append(layers)
+    return found
+
+
+def _segments(images: Sequence[Image], base: Image, pixels: Pixels) -> IntArray:
+    """Segment (n_pixels,) of each pixel of ``base``: parcels found in the images alone, each inside one tile.
+
+    Neighbours are merged, the most alike after Lee's filter first, unless the means of their segments differ by more
+    than noise does at a chance of `BY_NOISE`. A coarser image has as many fewer values that are independent.
+    """
+
+    def in_noise(image: Image, values: AnyArray) -> AnyArray:
+        noise = _values(image)[1] * max(_cell_m(image) / _side_m(base), 1.0) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((values / np.sqrt(noise)).reshape(len(values), -1))
+
+    x, smooth = (
+        np.vstack(_on_pixels(images, base, pixels, layers), dtype=np.float64)
+        for layers in (lambda one: in_noise(one, _values(one)[0]), lambda one: in_noise(one, _smoothed(one)))
+    )
+    for layers in (x, smooth):
+        _fill_unseen(layers, np.ones(layers.shape[1], dtype=bool))
+    rows, columns = (base.intensity if isinstance(base, RadarImage) else base.brightness_k).shape[1:]
+    at = np.arange(rows * columns).reshape(rows, columns)
+    one = np.concatenate([at[:, :-1].ravel(), at[:-1].ravel()])
+    other = np.concatenate([at[:, 1:].ravel(), at[1:].ravel()])
+    within = pixels.tile[one] == pixels.tile[other]
+    one, other = one[within], other[within]
+    order = np.argsort(np.square(smooth[:, one] - smooth[:, other]).sum(axis=0), kind="stable")
+    threshold = float(special.chdtri(len(x), BY_NOISE))
+    found = kernels_classify.merge_pixels(x, one[order], other[order], threshold)
+    return np.asarray(np.unique(found, return_inverse=True)[1])
+
+
+def _of_segments(
+    layers: FloatArray, pixels: Pixels, teaching: AnyArray, segment: IntArray
+) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
+    """As `_of_fields`, of segments."""
+    n = int(segment.max()) + 1
+
+    def summed(rows: AnyArray) -> FloatArray:
+        return np.stack([np.bincount(segment, row, n) for row in rows])
+
+    seen = np.isfinite(layers)
+    mean = summed(np.where(seen, layers, 0.0)) / np.where(summed(seen) > 0.0, summed(seen), np.nan)
+    counts, teaching = (summed(cells.T).T.astype(np.int64) for cells in (pixels.counts, teaching))
+    tile = np.empty(n, dtype=np.int64)
+    tile[segment] = pixels.tile
+    unit = np.where(pixels.pixel >= 0, segment[pixels.pixel], -1).astype(np.int32)
+    return mean, counts, tile, teaching, unit
+
+
 def _shown(image: Image, counts: AnyArray) -> AnyArray:
     """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar's noise hides all channels.
 
@@ -404,6 +477,11 @@ def seen_pixels(image: RadiometerImage) -> AnyArray:
 def _side_m(image: Image) -> float:
     """Side of a pixel on the ground [m]."""
     return image.radar.pixel_spacing_m if isinstance(image, RadarImage) else image.radiometer.resolution_m
+
+
+def _cell_m(image: Image) -> float:
+    """Side of the ground over which noise is one value [m]."""
+    return max(_side_m(image), image.radar.resolution_m) if isinstance(image, RadarImage) else _side_m(image)
 
 
 def _same_grid(one: Image, other: Image) -> bool:

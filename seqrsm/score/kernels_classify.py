@@ -77,6 +77,48 @@ def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: i
 
 
 @kernel
+def merge_pixels(x: AnyArray, one: AnyArray, other: AnyArray, threshold: float) -> AnyArray:
+    """Merge neighbours into segments whose means do not differ: Nock and Nielsen (2004, IEEE Trans. PAMI-26, 1452).
+
+    Parameters
+    ----------
+    x : float64 array (d, n_pixels)
+        In units of its noise.
+    one, other : int64 arrays (n_pairs,)
+        Neighbouring pixels, the pairs that differ least first.
+    threshold : float
+        Square of the difference of two means, over its variance by noise, up to which two segments are one.
+
+    Returns
+    -------
+    int64 array (n_pixels,)
+        Pixel that stands for each pixel's segment.
+    """
+    d, n_pixels = x.shape
+    of, size, mean = np.arange(n_pixels), np.ones(n_pixels), x.copy()
+    for p in range(one.shape[0]):
+        i, j = one[p], other[p]
+        while of[i] != i:
+            of[i] = of[of[i]]
+            i = of[i]
+        while of[j] != j:
+            of[j] = of[of[j]]
+            j = of[j]
+        square, cells = 0.0, size[i] + size[j]
+        for c in range(d):
+            square += (mean[c, i] - mean[c, j]) ** 2
+        if i == j or square * size[i] * size[j] > threshold * cells:
+            continue
+        for c in range(d):
+            mean[c, i] += (mean[c, j] - mean[c, i]) * size[j] / cells
+        of[j], size[i] = i, cells
+    for i in range(n_pixels):
+        while of[i] != of[of[i]]:
+            of[i] = of[of[i]]
+    return of
+
+
+@kernel
 def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float) -> AnyArray:
     """Sums over the pixels of each half and class, of those that the class fills to a purity and of the others.
 

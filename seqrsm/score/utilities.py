@@ -1,9 +1,9 @@
 """The utilities that ship, a row of ``data/utilities.csv`` each: what specification, engines and pages know of them.
 
 A campaign names one as ``NAME``, ``NAME of COVER, COVER`` where it is about certain covers, and of those that classify
-``NAME by pixel``, ``by neighbourhood`` or ``by field``, and ``with gaussian`` or ``with random_forest``: "f1 of Corn by
-field". A further one is a module of this package and a row there. Functions are named and not imported, since they load
-the engines, which the specification does without.
+``NAME by UNIT``, a unit of `UNITS_OF_GROUND`, and ``with gaussian`` or ``with random_forest``: "f1 of Corn by field". A
+further one is a module of this package and a row there. Functions are named and not imported, since they load the
+engines, which the specification does without.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "field")
+UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "segment", "field")
 """What is classified as a whole."""
 
 CLASSIFIERS: Final = ("gaussian", "random_forest")

@@ -27,7 +27,8 @@ PATTERN_STEPS: Final = 8192
 """Steps of the pattern's table between looking down and looking level."""
 
 _ATMOSPHERE_M: Final = 8000.0  # thickness of a uniform shell with the attenuation of the real one
-_SINC_SQUARED_HALF: Final = 0.442946470689452  # sinc(x)**2 = 1/2
+SINC_SQUARED_HALF: Final = 0.442946470689452
+"""Where sinc(x)**2 is 1/2."""
 
 
 def elevation_gain(
@@ -65,7 +66,7 @@ def elevation_gain(
     if kind == "table":
         angles, levels = np.array(table, dtype=np.float64).T
         return np.asarray(np.maximum(10.0 ** (0.1 * np.interp(np.rad2deg(look), angles, levels)), floor))
-    beam = np.sinc(2.0 * _SINC_SQUARED_HALF * (look - boresight_rad) / beamwidth_rad) ** 2
+    beam = np.sinc(2.0 * SINC_SQUARED_HALF * (look - boresight_rad) / beamwidth_rad) ** 2
     if kind == "cosecant_squared":
         # csc of the depression angle is sec of the look angle; normalised at the boresight.
         inner = (math.cos(boresight_rad) / np.maximum(np.cos(look), 1e-12)) ** 2

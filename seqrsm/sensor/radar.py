@@ -100,6 +100,9 @@ class RadarConfiguration:
     pixel_m : float or None
         Side of a pixel on the ground [m], at most the resolution; None is the resolution. Finer pixels overlap in what
         they see, and fade together.
+    cell_shape : {"box", "gaussian", "sinc_squared"}
+        Response in power about the middle of a resolution cell, whose side is its half-power width: all within it
+        alike, or a Gaussian, or the sinc**2 of an evenly filled band; the latter two need pixels of at most half that.
     range_format : {"ground", "slant"}
         Spacing of the image rows: equal steps on flat ground, or equal slant ranges.
     near_incidence_deg, far_incidence_deg : float
@@ -187,6 +190,7 @@ class RadarConfiguration:
     loss_db: float = 3.0
     zenith_loss_db: float = 0.0
     pixel_m: float | None = None
+    cell_shape: Literal["box", "gaussian", "sinc_squared"] = "box"
     range_format: Literal["ground", "slant"] = "ground"
     near_incidence_deg: float = 0.0
     far_incidence_deg: float = 90.0
@@ -458,6 +462,9 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if radar.pixel_m is not None and radar.pixel_m > radar.resolution_m:
         text, remedy = "pixels coarser than the resolution cell", "Make it at most the resolution, or omit it"
         yield at_fault(radar, "pixel_m", text, remedy)
+    if radar.cell_shape != "box" and radar.pixel_spacing_m > 0.5 * radar.resolution_m:
+        text = "the pixels are too coarse for a cell with a shape"
+        yield at_fault(radar, "cell_shape", text, 'Set pixel_m to at most half the resolution, or use "box"')
     if (radar.elevation_pattern == "table") != bool(radar.pattern_table):
         remedy = 'Give both elevation_pattern = "table" and pattern_table, or neither'
         yield Problem("a pattern needs its table, and a table its pattern", remedy, field="pattern_table")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -249,11 +250,12 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
 def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -> str:
     name = one.words.replace(" ", "-")[:60].strip("-")
     told = (
-        f"# {asked_for(one.measure.utility).row.words}"
+        asked_for(one.measure.utility).row.words
         if one.measure.utility
-        else f"# No built-in utility measures it: {one.measure.says}. Ingest measured scores, or name your own\n"
-        '# function of the simulated image, "package.module:function", and add a [simulator].'
+        else f"No built-in utility measures it: {one.measure.says}. Ingest measured scores, or name your own function "
+        'of the simulated image, "package.module:function", and add a [simulator].'
     )
+    told = textwrap.fill(told, 116, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
     # A prior is stated in percent, as radars' utilities are.
     printed = all(item.name in chosen for item in one.start.ranges)
     prior = _knowledge_text(one.start.ranges, chosen) if one.measure.engine == "psm" and printed else ""

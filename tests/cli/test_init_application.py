@@ -89,13 +89,21 @@ def test_a_template_passes_its_own_check(tmp_path, name) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "why"), [("sea state", "has a sea"), ("snow", "snow or ice"), ("oil spill", "pollut")]
+    ("words", "why"),
+    [
+        ("sea state", "has a sea"),
+        ("snow", "write utility = 'detection of Ice' over a scene"),
+        ("oil spill", "write utility = 'detection of Oil' over a scene"),
+        ("geologic mapping", "utility = 'rank'"),
+        ("storms over land", "not the weather"),
+    ],
 )
 def test_what_no_utility_measures_is_said_and_waits_for_measured_scores(tmp_path, words, why) -> None:
     folder = tmp_path / "mine"
     told = made(folder, words)
     assert "no built-in utility measures" in told
-    assert why in told
+    assert why in " ".join(told.split())
+    assert max(map(len, (folder / "campaign.toml").read_text(encoding="utf-8").splitlines())) <= 120
     spec = load_spec(folder)
     assert spec.simulator is None
     assert spec.applications[0].utility == "measured"
@@ -158,8 +166,33 @@ def test_every_entry_of_every_table_has_a_utility_or_a_sentence() -> None:
         "Forest/Non-Forest Discrimination": "detection of Trees", "Crop Stress": "", "Timberline": "",
         "Soil Moisture for Yield Estimate": "soil_moisture_skill", "Soil Mapping": "", "Yield Prediction": "",
         "Crop Identification": "percent_correct by field", "Ship Navigation and Routing": "", "Sea Ice": "",
+        "Wetland Hydrology and Delineation": "detection of Water", "Corn": "f1 of Corn by field", "Farm Practices": "",
+        "Cultivated Vegetation": "percent_correct by field", "Natural Vegetation": "percent_correct by field",
+        "Land Use Resources and Geographic Applications": "percent_correct by field",
+        "Land Use (Suburban and Rural)": "percent_correct by field", "Density of Woody Vegetation": "",
     }.items():  # fmt: skip
         assert measure_of(words).utility == utility, words
+    for words, says in {
+        "Hurricane Damage Assessment": "how that fares", "Storms Over Land": "weather", "Rainfall": "weather",
+        "Wind Stress Over Oceans": "sea", "Sea Ice Navigation and Mapping": "ice", "Traffic": "targets",
+        # Groups of section 1.2.
+        "Water Resources": "entries to choose from", "Oceanography": "sea", "Mineral Resources": "relief",
+        "Damage Assessment and Hazard Surveys": "how that fares",
+        "Irrigation": "irrigated", "Runoff Coefficient Estimate": "hydrologist", "Resource Management": "no one thing",
+    }.items():  # fmt: skip
+        assert says in measure_of(words).says, words
+
+
+@pytest.mark.parametrize(("words", "kind"), [("A.16", "table"), ("a.38", "table"), ("Seasat", "spacecraft")])
+def test_a_table_and_a_spacecraft_are_no_applications(tmp_path, words, kind) -> None:
+    told = " ".join(made(tmp_path / "mine", words, code=2).split())
+    assert f"this is a {kind}, not an application" in told
+    assert f"`seqrsm catalog {words}` shows the {kind}" in told
+
+
+def test_words_of_neither_kind_of_system_are_said_to_be_of_none(tmp_path) -> None:
+    told = made(tmp_path / "mine", "Calamity", code=2)
+    assert "no application of Tables A.1 to A.20" in told
 
 
 def test_words_are_kept_for_the_report_whatever_signs_they_hold(tmp_path) -> None:

@@ -20,7 +20,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
-from seqrsm.report.sections.summary import recommendation
+from seqrsm.report.sections.summary import _next_steps, _settings_table, recommendation
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -188,6 +188,7 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
     """The rule holds where the optimum is better than a guess by more than the interval that decides."""
     scores = 60.0 + 5.0 * POINTS[:, 0] + 0.1 * NOISE
     free = with_ends(tmp_path / "free", scores, "maximize")
+    spec = campaign(tmp_path / "spec", specification(numeric(2)), POINTS, scores).spec
     assert free.decision.held
     assert np.isnan(free.data.guess)
     best, width = free.optimum.mean, free.decision.half_width
@@ -199,6 +200,11 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         assert (found.data.guess, found.data.perfect) == (pytest.approx(best + away), pytest.approx(100.0))
         assert any("no setting is shown to beat guessing" in text for text in found.decision.reasons) is not held
         assert recommendation(found).startswith("Recommended" if held else "No setting is shown to do better")
+        title = _settings_table(found).caption
+        assert title.startswith("Recommended settings" if held else "Best settings of the fitted surface")
+        spent = replace(found, decision=replace(found.decision, budget_spent=True))
+        first = next(_next_steps(spec, spent))
+        assert first.startswith("Stop." if held else "Change the region or the sensor")
     # An error is better the smaller it is.
     low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
     assert low.decision.held

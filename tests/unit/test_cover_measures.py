@@ -34,10 +34,10 @@ def fields(side: int = 8, n: int = 160, cell_m: float = 10.0) -> Scene:
     return replace(flat, cover=cover, field_id=field, categories=("Wheat", "Corn", "Grass", "Vegetables"))
 
 
-def image(scene: Scene, resolution: float = 20.0, frequency: float = 1.25, run_id: int = 1):
+def image(scene: Scene, resolution: float = 20.0, frequency: float = 1.25, run_id: int = 1, **fixed: float):
     radar = from_settings(
         {"frequency": frequency, "polarization": "HH+HV", "resolution": resolution, "depression_angle": 45.0},
-        {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0},
+        {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0, **fixed},
     )
     return simulate_radar(scene, radar, load_sigma0_table(), seed=3, run_id=run_id)
 
@@ -186,6 +186,50 @@ def test_neighbours_help_where_speckle_is_strong() -> None:
     made = image(scene, 5.0, 5.4)
     plain, smooth = (percent_correct([made], scene, by=by, **KEY).value for by in ("pixel", "neighbourhood"))
     assert smooth > plain + 3.0
+
+
+def parcels_found(images, scene: Scene) -> tuple[float, Evidence]:
+    """Adjusted Rand index of the segments and the fields, over cells, and what is known of the segments."""
+    found = evidence_of(images, scene, by="segment", **KEY)
+    assert found.unit_of_cell is not None
+    seen = found.unit_of_cell >= 0
+    return metrics.adjusted_rand_score(scene.field_id[seen], found.unit_of_cell[seen]), found
+
+
+def test_segments_are_the_parcels_where_these_differ() -> None:
+    """Squares of covers that differ from all their neighbours; with little speckle the image shows the parcels."""
+    kinds = (np.arange(12)[:, None] + 2 * np.arange(12)) % 4
+    field = np.kron(np.arange(144).reshape(12, 12), np.ones((16, 16), dtype=int)).astype(np.int32)
+    cover = np.kron(kinds, np.ones((16, 16), dtype=int)).astype(np.uint8)
+    scene = replace(fields(side=16, n=192, cell_m=5.0), cover=cover, field_id=field)
+    few = image(scene, 5.0, 1.25, texture_db=0.0)
+    index, found = parcels_found([few], scene)
+    assert index > 0.7
+    many = replace(few, intensity=few.mean_power + few.noise_power_w[:, None], looks=np.full_like(few.looks, 1000.0))
+    clear, _ = parcels_found([many], scene)
+    assert clear > 0.95
+    # Two dates and another radar's coarser pixels tell more than one image.
+    more = [few, image(scene, 5.0, 1.25, run_id=2, texture_db=0.0), image(scene, 10.0, 5.4, texture_db=0.0)]
+    assert parcels_found(more, scene)[0] > index
+    # All cells are in one segment each, whose evidence is the mean over its pixels; a segment lies in one tile.
+    pixels = pixels_of(few, scene, **KEY)
+    assert found.counts.sum() == pixels.counts.sum()
+    place = int(found.counts.sum(axis=1).argmax())
+    mine = np.unique(pixels.pixel[found.unit_of_cell == place])
+    mean = few.apparent_sigma0().reshape(2, -1)[:, mine].mean(axis=1)
+    np.testing.assert_allclose(found.features[:, place], 10.0 * np.log10(mean), rtol=1e-6)
+    for unit in np.unique(found.unit_of_cell)[:50]:
+        assert len(np.unique(pixels.tile[pixels.pixel[found.unit_of_cell == unit]])) == 1
+    np.testing.assert_array_equal(found.features, parcels_found([few], scene)[1].features)
+
+
+def test_segments_score_between_pixels_and_fields() -> None:
+    scene = fields(side=16, n=192, cell_m=5.0)
+    for frequency in (1.25, 5.4):
+        made = image(scene, 5.0, frequency)
+        units = ("pixel", "segment", "field")
+        pixel, segment, field = (percent_correct([made], scene, by=by, **KEY).value for by in units)
+        assert pixel + 3.0 < segment < field
 
 
 def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:

@@ -51,7 +51,7 @@ def test_a_utility_is_asked_for_in_words() -> None:
         ("joy", "your own function"),
         ("f1", "applies to named covers"),
         ("kappa of Corn", "applies to all covers"),
-        ("percent_correct by parcel", "pixel, neighbourhood, field"),
+        ("percent_correct by parcel", "pixel, neighbourhood, segment, field"),
         ("soil_moisture_skill by field", "does not classify"),
     ],
 )

@@ -148,12 +148,17 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
     return f"Question: which {factors} give{'s' if len(spec.factors) == 1 else ''} {listing(aims)}{weighed}?"
 
 
+def _is_a_guess(analysis: Analysis) -> bool:
+    """Whether no setting is shown to do better than guessing without an image."""
+    return any(check.name == "guess" and check.holds is False for check in analysis.decision.checks)
+
+
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
     settings = listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
     what = f"the settings with the {best} estimated mean score in the region"
-    if any(check.name == "guess" and check.holds is False for check in analysis.decision.checks):
+    if _is_a_guess(analysis):
         return (
             f"No setting is shown to do better than guessing for {analysis.application}. Best of the fitted surface: "
             f"{settings}, {what}."
@@ -236,7 +241,8 @@ def _settings_table(analysis: Analysis) -> Table:
     )
     credible = f"Optimal setting, {level_phrase(analysis)} credible interval"
     columns = ("Factor", right("Setting"), credible, right("Probability at a bound"))
-    return table(f"Recommended settings for {analysis.application}", columns, rows)
+    which = "Best settings of the fitted surface" if _is_a_guess(analysis) else "Recommended settings"
+    return table(f"{which} for {analysis.application}", columns, rows)
 
 
 def _own_table(analyses: Sequence[Analysis]) -> Table:
@@ -270,6 +276,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Stop. {_loss_sentence(analysis)}".strip()
     elif decision.wants_confirmation:
         yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}".strip()
+    elif decision.budget_spent and _is_a_guess(analysis):
+        yield "Change the region or the sensor: at no setting of these are images shown to tell more than a guess."
     elif decision.budget_spent:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}".strip()
     else:

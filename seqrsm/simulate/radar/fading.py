@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 from scipy.special import gammainccinv, gammaincinv, ndtr, ndtri
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.simulate.radar import kernels_speckle
+from seqrsm.simulate.radar import cell, kernels_speckle
 from seqrsm.simulate.radar.kernels_speckle import CUBE_ROOT_REACH, CUBE_ROOT_STEPS, NORMAL_STEPS
 
 _ORDER = 16
@@ -112,6 +112,7 @@ def correlated_fading(
     numbers: IntArray,
     key: tuple[np.uint32, np.uint32],
     cell_pixels: tuple[float, float],
+    cell_shape: str = "box",
 ) -> FloatArray:
     """Factor X of eq. (3-11) with the autocorrelation of overlapping resolution cells.
 
@@ -130,13 +131,15 @@ def correlated_fading(
     key : tuple of uint32
     cell_pixels : tuple of float
         Size of the resolution cell in range and azimuth [pixels], >= 1.
+    cell_shape : str
+        As of `RadarConfiguration`.
 
     Returns
     -------
     float64 array of `shape`
     """
     n_channels, n_range, n_azimuth = shape
-    weights = [_box(size) for size in cell_pixels]
+    weights = [_unit(_box(size) if cell_shape == "box" else cell.weights(cell_shape, size)) for size in cell_pixels]
     (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
     out = np.empty(shape)
     for c in range(n_channels):
@@ -149,8 +152,12 @@ def correlated_fading(
 
 
 def _box(size: float) -> FloatArray:
-    """Weights of a box of ``size`` pixels with broken ends, whose squares add up to 1."""
+    """Weights of a box of ``size`` pixels with broken ends."""
     whole = math.floor(size)
     rest = size - whole
-    weights = np.ones(whole) if rest < 1e-9 else np.concatenate(([rest], np.ones(whole)))
+    return np.ones(whole) if rest < 1e-9 else np.concatenate(([rest], np.ones(whole)))
+
+
+def _unit(weights: FloatArray) -> FloatArray:
+    """Weights whose squares add up to 1."""
     return np.asarray(weights / math.sqrt(float(weights @ weights)))

@@ -23,6 +23,7 @@ from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.cell import spread
 from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
@@ -135,16 +136,21 @@ def _form_image(
     n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
     mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
 
+    is_box = radar.cell_shape == "box"
+    beam_cells = law.beam_cells if is_box else np.zeros(grid.n_bins)
+
     def average(k: int) -> None:
         c, rows = block(k, grid.n_bins, threads)
-        kernels.average_azimuth(sums[c, rows], law.beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
+        kernels.average_azimuth(sums[c, rows], beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
 
     in_threads(average, threads * len(mean), threads)
     if frame.wrapped:
         n_pixels -= 2
         mean = np.ascontiguousarray(mean[:, :, 1:-1])
     smeared = int((law.range_width > 1.0).sum())
-    if smeared:
+    if not is_box:
+        mean = spread(mean, radar.cell_shape, law.range_width, law.beam_cells / cells_a_pixel)
+    elif smeared:
         kernels.smear_range(mean, law.range_width)
     looks, noise = law.looks, law.noise_w
     power = _faded(mean, noise, looks, radar, speckle, threads)
@@ -192,7 +198,7 @@ def _faded(
     numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
     if radar.finer_pixels:
         cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
-        factor = correlated_fading(mean.shape, looks, numbers, key, cell)
+        factor = correlated_fading(mean.shape, looks, numbers, key, cell, radar.cell_shape)
         return np.asarray((mean + noise[None, :, None]) * factor, dtype=mean.dtype)
     out = np.empty_like(mean)
 
