@@ -161,7 +161,8 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     spec = load_spec(folder)
     task = task_of(spec, 1, spec.region.decode(spec.region.centre())[0])
     after = carry_out(task).scores[0]
-    assert after.metadata["guess"] == after.score == 100.0
+    assert after.metadata["guess"] == 100.0
+    assert after.score > max(before.score, 95.0)  # what images contradict may be named by them
     assert before.metadata["guess"] < before.score < 100.0
     changed(folder, "old.csv", ",0", ",30")
     # Two occasions over one ground meet one map; another ground has another.

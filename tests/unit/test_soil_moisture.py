@@ -205,7 +205,9 @@ def radar_image(s, table, run_id=1, frequency=5.4, polarization="HH+VV", **more)
 
 def test_a_radar_finds_the_moisture_of_bare_fields_where_nothing_else_differs() -> None:
     s, table = bare_and_wooded(), load_sigma0_table()
-    even = {(n, p): replace(table.variability[n, p], field_sd_db=0.0, date_sd_db=0.0) for n, p in table.variability}
+    even = {
+        (n, p): replace(table.variability[n, p], field_sd_db=(0.0, 0.0), date_sd_db=0.0) for n, p in table.variability
+    }
     even_table = replace(table, variability=even)
     found = radar_image(s, even_table, fading="none", texture_db=0.0, tree_height_m=0.0)
     value, unit = retrieved_fields([found], s, 5, 1)
