@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.named import (
     NamedSensor,
     named_sensors,
@@ -71,14 +70,9 @@ def test_settings_are_those_worked_out_beside_the_program(row: dict[str, str]) -
         assert radar.speed_m_s == pytest.approx(float(row["speed_m_s"]), rel=0.001)
 
 
-def test_every_radiometer_to_100_ghz_builds_with_its_noise() -> None:
-    refused = []
+def test_every_radiometer_builds_with_its_noise() -> None:
     for sensor in RADIOMETERS:
-        try:
-            made = radiometer_of(sensor, sensor.channels[0])
-        except ConfigurationError:
-            refused.append(sensor.values["frequency_ghz"])
-            continue
+        made = radiometer_of(sensor, sensor.channels[0])
         assert made.conical_incidence_deg == (sensor.incidences_deg[0] if sensor.title in CONICAL else 0.0)
         if sensor.title in CONICAL and "footprint_major_km" in sensor.values:
             assert made.footprint_m[0] == pytest.approx(1e3 * sensor.values["footprint_major_km"])
@@ -86,7 +80,6 @@ def test_every_radiometer_to_100_ghz_builds_with_its_noise() -> None:
             assert made.resolution_m == pytest.approx(1e3 * sensor.values["footprint_km"])
         if made.noise_temperature_k > 0.0:
             assert made.nedt_k(300.0) == pytest.approx(sensor.values["nedt_k"], rel=1e-6)
-    assert sorted(refused) == [165.5, 166.0]  # the table of the atmosphere ends below
 
 
 @pytest.mark.parametrize("polarization", ["VV", "VH"])
