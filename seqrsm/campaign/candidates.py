@@ -44,6 +44,7 @@ from seqrsm.files import put_json
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
+from seqrsm.scattering.emissivity import MEASURED_GHZ
 from seqrsm.sensor.named import NamedSensor, sensors_called
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec, CandidateSpec
@@ -107,6 +108,17 @@ def candidates_of(spec: CampaignSpec) -> list[Candidate]:
 def _channels(sensor: NamedSensor, table: CandidateSpec) -> str:
     wanted = set(table.polarization.split("+"))
     return next((own for own in sensor.channels if not table.polarization or set(own.split("+")) == wanted), "")
+
+
+def _assumed(sensor: NamedSensor) -> list[str]:
+    """What is assumed where a sensor is simulated."""
+    above = sensor.kind == "radiometer" and sensor.values["frequency_ghz"] > MEASURED_GHZ
+    told = {
+        "noise": sensor.kind == "sar" and sensor.noise_rests == "assumed",
+        f"one view at {sensor.conical_incidence_deg:g} deg of many": sensor.many_views,
+        f"emissivity above {MEASURED_GHZ:g} GHz": above,
+    }
+    return [name for name, holds in told.items() if holds]
 
 
 def _fits(spec: CampaignSpec, sensor: NamedSensor) -> bool:
@@ -256,7 +268,7 @@ class _Comparer:
             fields = _FIELDS[sensor.kind]
             told |= {"sensor": sensor.title, "status": sensor.status}
             told["recalled"] = [name for name in fields if sensor.resting(name) == "recalled"]
-            told["assumed"] = ["noise"] if sensor.kind == "sar" and sensor.noise_rests == "assumed" else []
+            told["assumed"] = _assumed(sensor)
             told["recalled"] += ["noise"] if sensor.kind == "sar" and sensor.noise_rests == "recalled" else []
         try:
             at = self._in_region(candidate)

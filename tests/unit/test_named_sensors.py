@@ -22,9 +22,7 @@ from seqrsm.sensor.named import (
 DATA = Path(__file__).parents[1] / "reference" / "data"
 BY_TITLE = {one.title: one for one in named_sensors()}
 RADARS = [one for one in named_sensors() if one.kind == "sar"]
-CONICAL = {
-    one.title for one in named_sensors() if one.name in {"SMAP", "AMSR-E", "AMSR2", "AMSR3", "CIMR", "SSMIS", "GMI"}
-}
+SWEEPING = {"PLMR", "ESTAR", "HUT-2D"}
 RADIOMETERS = [one for one in named_sensors() if one.kind == "radiometer"]
 
 
@@ -73,8 +71,9 @@ def test_settings_are_those_worked_out_beside_the_program(row: dict[str, str]) -
 def test_every_radiometer_builds_with_its_noise() -> None:
     for sensor in RADIOMETERS:
         made = radiometer_of(sensor, sensor.channels[0])
-        assert made.conical_incidence_deg == (sensor.incidences_deg[0] if sensor.title in CONICAL else 0.0)
-        if sensor.title in CONICAL and "footprint_major_km" in sensor.values:
+        angle = 0.0 if sensor.name in SWEEPING else 40.0 if sensor.name == "SMOS" else sensor.incidences_deg[0]
+        assert made.conical_incidence_deg == angle
+        if "effective" in sensor.notes:  # spread by the turn, across the direction of view
             assert made.footprint_m[0] == pytest.approx(1e3 * sensor.values["footprint_major_km"])
         else:
             assert made.resolution_m == pytest.approx(1e3 * sensor.values["footprint_km"])

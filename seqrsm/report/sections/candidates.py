@@ -164,7 +164,7 @@ def _note(row: Mapping[str, Any]) -> str:
             parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
         elif "footprint_m" in places[0]:
             length, width = (format_significant(1e-3 * side, 3) for side in places[0]["footprint_m"])
-            parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg, on a cone")
+            parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg")
     dates = row.get("dates")
     if dates:
         days = listing([f"{day:g}" for day in dates["used"]])
