@@ -37,7 +37,7 @@ from seqrsm.campaign.instruments import (
     rounded,
     with_parameters,
 )
-from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, task_of
+from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.files import put_json
@@ -337,7 +337,10 @@ class _Comparer:
                 owed.append({"property": name, "difference": alone.difference, "confidence": confidence})
         rows = [{**place_in_swath(place), "score": float(one.mean())} for place, one in zip(places, own, strict=True)]
         dates = {"used": list(days), "offered": offered} if days else None
-        return {**fields_to_json(result), "places": rows, "owed_to": owed, "dates": dates}
+        scene = ground_of(self.tasks[0])[0]
+        sides_km = [1e-3 * scene.cell_m * cells for cells in scene.shape[::-1]]
+        coarse = {"scene_km": sides_km} if rows[0]["cell_m"] > 1e3 * min(sides_km) else {}
+        return {**fields_to_json(result), "places": rows, "owed_to": owed, "dates": dates, **coarse}
 
     def _places(self, candidate: Candidate) -> tuple[list[Instrument], int | None]:
         """The candidate at places of its swath, from near to far, and how many dates it offers, where they count."""

@@ -229,7 +229,7 @@ def _words(title: str) -> list[str]:
 def nearest_names(text: str, others: Iterable[str] = ()) -> list[str]:
     """Names most like one that is unknown, at most three, the likest first."""
     names = [name for one in named_sensors() for name in (one.name, one.title, *one.name.split("/"))]
-    known = {name.lower(): name for name in (*names, *others)}
+    known = {name.partition(" (")[0].lower(): name for name in (*names, *others)}
     return [known[near] for near in difflib.get_close_matches(text.lower(), known, n=3, cutoff=0.5)]
 
 

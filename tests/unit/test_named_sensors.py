@@ -102,6 +102,7 @@ def test_names_are_found_by_their_words_and_unknown_ones_get_the_nearest() -> No
     assert len(sensors_called("*quad*")) > 5
     assert sensors_called("") == sensors_called("Sentinal") == ()
     assert nearest_names("Sentinal-1")[0] == "Sentinel-1"
+    assert nearest_names("NISAR L QP 40+5")[0] in {"NISAR L QP 20+5 (GCOV 20 m)", "NISAR L DH 40+5 (GCOV 10 m)"}
     assert nearest_names("TeraSAR X")[0] == "TerraSAR-X"
     assert nearest_names("qwzzy") == []
 
