@@ -168,7 +168,7 @@ def _note(row: Mapping[str, Any]) -> str:
             parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg")
     if "scene_km" in row:
         wide, long = (format_significant(side, 3) for side in row["scene_km"])
-        parts.append(f"larger than the scene of {wide} by {long}\u00a0km: scores tell of nothing inside it")
+        parts.append(f"larger than the scene of {wide} by {long}\u00a0km, which it cannot resolve")
     dates = row.get("dates")
     if dates:
         days = listing([f"{day:g}" for day in dates["used"]])
