@@ -37,13 +37,14 @@ from seqrsm.campaign.instruments import (
     rounded,
     with_parameters,
 )
-from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, task_of
+from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.files import put_json
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
+from seqrsm.scattering.emissivity import MEASURED_GHZ
 from seqrsm.sensor.named import NamedSensor, sensors_called
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec, CandidateSpec
@@ -107,6 +108,17 @@ def candidates_of(spec: CampaignSpec) -> list[Candidate]:
 def _channels(sensor: NamedSensor, table: CandidateSpec) -> str:
     wanted = set(table.polarization.split("+"))
     return next((own for own in sensor.channels if not table.polarization or set(own.split("+")) == wanted), "")
+
+
+def _assumed(sensor: NamedSensor) -> list[str]:
+    """What is assumed where a sensor is simulated."""
+    above = sensor.kind == "radiometer" and sensor.values["frequency_ghz"] > MEASURED_GHZ
+    told = {
+        "noise": sensor.kind == "sar" and sensor.noise_rests == "assumed",
+        f"one view at {sensor.conical_incidence_deg:g} deg of many": sensor.many_views,
+        f"emissivity above {MEASURED_GHZ:g} GHz": above,
+    }
+    return [name for name, holds in told.items() if holds]
 
 
 def _fits(spec: CampaignSpec, sensor: NamedSensor) -> bool:
@@ -256,7 +268,7 @@ class _Comparer:
             fields = _FIELDS[sensor.kind]
             told |= {"sensor": sensor.title, "status": sensor.status}
             told["recalled"] = [name for name in fields if sensor.resting(name) == "recalled"]
-            told["assumed"] = ["noise"] if sensor.kind == "sar" and sensor.noise_rests == "assumed" else []
+            told["assumed"] = _assumed(sensor)
             told["recalled"] += ["noise"] if sensor.kind == "sar" and sensor.noise_rests == "recalled" else []
         try:
             at = self._in_region(candidate)
@@ -325,7 +337,10 @@ class _Comparer:
                 owed.append({"property": name, "difference": alone.difference, "confidence": confidence})
         rows = [{**place_in_swath(place), "score": float(one.mean())} for place, one in zip(places, own, strict=True)]
         dates = {"used": list(days), "offered": offered} if days else None
-        return {**fields_to_json(result), "places": rows, "owed_to": owed, "dates": dates}
+        scene = ground_of(self.tasks[0])[0]
+        sides_km = [1e-3 * scene.cell_m * cells for cells in scene.shape[::-1]]
+        coarse = {"scene_km": sides_km} if rows[0]["cell_m"] > 1e3 * min(sides_km) else {}
+        return {**fields_to_json(result), "places": rows, "owed_to": owed, "dates": dates, **coarse}
 
     def _places(self, candidate: Candidate) -> tuple[list[Instrument], int | None]:
         """The candidate at places of its swath, from near to far, and how many dates it offers, where they count."""

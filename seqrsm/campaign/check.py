@@ -29,7 +29,7 @@ from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_prob
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
-from seqrsm.sensor.hardware import ASSUMED_BITS, data_rate_bit_s
+from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
@@ -354,11 +354,20 @@ def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str
             if sensor.scan == "slar":
                 bits = f"{sensor.adc_bits} bits" if sensor.adc_bits else f"{ASSUMED_BITS} bits (assumed)"
                 rate = 1e-6 * data_rate_bit_s(sensor, *frame_swath(frame))
-                known = {one.name: one.values.get("downlink_mbit_s") for one in named_sensors()}
-                sent = ", ".join(f"{name} {value:g}" for name, value in known.items() if value is not None)
-                data_rate = f"data rate, {rate:.3g} Mbit/s over this swath with {bits} each for I and Q"
-                found.append(f"{data_rate}; downlinks of known sensors in Mbit/s: {sent}")
+                told = f"{rate:.3g} Mbit/s over this swath with {bits} each for I and Q"
+                orbits = sensor.altitude_m > LOWEST_ORBIT_M
+                found.append(f"data rate, margin {_downlinks(told, rate)}" if orbits else f"data rate, {told}")
     return tuple(dict.fromkeys(found))
+
+
+def _downlinks(told: str, rate: float) -> str:
+    """Margin of the fastest downlink that is known over a data rate [Mbit/s], the rate as told, and all of them."""
+    known = {one.name: one for one in named_sensors() if "downlink_mbit_s" in one.values}
+    rates = {name: one.values["downlink_mbit_s"] for name, one in known.items()}
+    marks = {name: "?" if one.resting("downlink_mbit_s") == "recalled" else "" for name, one in known.items()}
+    sent = ", ".join(f"{name} {rates[name]:g}{marks[name]}" for name in sorted(rates, key=rates.__getitem__))
+    checked = max(rates[name] for name in rates if not marks[name])
+    return f"{checked / rate:.3g}: {told}; downlinks of known sensors in Mbit/s: {sent}; ? recalled"
 
 
 def _by_flights(rule: StopRule, noise: float) -> str:

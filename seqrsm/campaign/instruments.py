@@ -103,8 +103,8 @@ def over_ground(
     if isinstance(base, RadarConfiguration):
         made: Sensor = exchanged(base, radar_of(sensor, channels, angle, cell_m), PROPERTIES)
     else:
-        # An aircraft sweeps as the campaign's does.
-        names = PROPERTIES if sensor.platform != "aircraft" else tuple(p for p in PROPERTIES if p != "angle")
+        # One that sweeps does so as the campaign's.
+        names = PROPERTIES if sensor.conical_incidence_deg > 0.0 else tuple(p for p in PROPERTIES if p != "angle")
         made = exchanged(base, radiometer_of(sensor, channels, cell_m), names)
     if own:
         made = ENGINES[sensor.engine].configure({**as_parameters(made), **own}, {})

@@ -20,8 +20,8 @@ _COLUMNS = {
     ),
     "radiometer": (
         ("GHz", "frequency_ghz"), ("footprint km", "footprint_km"), ("noise K", "nedt_k"),
-        ("ms", "integration_time_ms"), ("MHz", "bandwidth_mhz"), ("deg", "incidence_near_deg"),
-        ("days", "revisit_days"),
+        ("ms", "integration_time_ms"), ("MHz", "bandwidth_mhz"), ("from deg", "incidence_near_deg"),
+        ("to deg", "incidence_far_deg"), ("days", "revisit_days"),
     ),
 }  # fmt: skip
 

@@ -123,7 +123,7 @@ def make_atmosphere(
     Parameters
     ----------
     frequency_ghz : float
-        Within the table of nodes, 0.4 to 100 [GHz].
+        Within the table of nodes, 0.4 to 170 [GHz].
     atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
         "none" leaves only space.
     weather : {"clear", "cloud", "rain"}

@@ -44,6 +44,9 @@ MOISTURE_NODES: Final[FloatArray] = np.round(np.arange(0.02, 0.51, 0.03), 2)
 
 WATER_TEMPERATURE_C: Final = 20.0
 
+MEASURED_GHZ: Final = 100.0
+"""Frequency up to which measured land bears out the fits [GHz]: Prigent et al. 2000, IEEE TGRS 38(5)."""
+
 _DEFAULT_FIELD_SD: Final = 0.012
 _SOIL_MODEL_HIGH_GHZ: Final = 18.0
 _HELD: Final = np.minimum(np.arange(THETA_DEG.size), 80)
@@ -199,8 +202,8 @@ class EmissivityTable:
         categories : sequence of str
             Category names, repeats allowed.
         frequency_ghz : float
-            0.3 to 100 [GHz], with wider errors above 40; a user's own categories at most a third of an octave beyond
-            their nodes.
+            0.3 to 170 [GHz], with wider errors above 40 and 100; a user's own categories at most a third of an octave
+            beyond their nodes.
         polarization : {"H", "V"}
         day : float or None
             Day of the year, 1 to 365: the vegetation's optical depth goes with the water of its canopy; None: the
@@ -292,6 +295,8 @@ class EmissivityTable:
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]
         if model.ground == "soil" and f > _SOIL_MODEL_HIGH_GHZ:
             notes.append(f"soil permittivity above {_SOIL_MODEL_HIGH_GHZ:g} GHz lies outside its model (assumed)")
+        if f > MEASURED_GHZ:
+            notes.append(f"emissivity above {MEASURED_GHZ:g} GHz goes on by these fits, unmeasured (assumed)")
         return value, tuple(notes)
 
 

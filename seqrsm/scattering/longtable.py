@@ -28,7 +28,7 @@ REQUIRED: Final = (
 )  # fmt: skip
 OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
 
-EMISSIVITY_GHZ: Final = (0.3, 100.0)
+EMISSIVITY_GHZ: Final = (0.3, 170.0)
 """Lowest and highest frequency of a table of emissivity [GHz]."""
 
 _SEASONS: Final = ("spring_summer", "fall", "winter")

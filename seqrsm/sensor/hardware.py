@@ -21,7 +21,7 @@ from seqrsm.units import db_to_linear
 ASSUMED_BITS: Final = 4
 """Of each of I and Q where there is no converter, as RADARSAT-1's."""
 
-_LOWEST_ORBIT_M: Final = 120e3
+LOWEST_ORBIT_M: Final = 120e3
 _SAMPLES_A_HERTZ: Final = 1.15  # from 1.07 (RADARSAT-1) to 1.22 (ERS) flew
 _GAIN_MARGIN: Final = 0.5
 """Gain is held against its limit to half, since beams are given to their half power and shapes differ."""
@@ -104,7 +104,7 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
         told = f"a gain of {radar.antenna_gain_db:g} dB is {area:.3g} m2 of antenna; ambiguities allow no less than "
         told += f"{needed:.3g} m2"
         found.append(Limit("antenna area against ambiguities", area / needed, told))
-    if radar.altitude_m > _LOWEST_ORBIT_M:
+    if radar.altitude_m > LOWEST_ORBIT_M:
         orbit = orbit_speed_m_s(radar.altitude_m)
         margin = min(radar.speed_m_s / orbit, orbit / radar.speed_m_s) / 0.9
         told = f"a satellite at {1e-3 * radar.altitude_m:.4g} km moves at {orbit:.0f} m/s over the ground"

@@ -9,9 +9,10 @@ derived from others, or only recalled (``data/README.md``). Here a row becomes a
 * Incidence is at the ground; the depression angle follows over a sphere.
 * Noise is that of the product: an equivalent antenna gain is set so that the noise-equivalent sigma0 at the centre of
   the scene is that of the row, or of the annotated noise at that angle. Nothing else in an image depends on the gain.
-* A radiometer has the noise temperature that gives its resolution over ground of 300 K. One in orbit that looks at one
-  incidence scans on a cone: its beam is round, as long on the ground as the row says, and turns as fast. Several feeds
-  draw as many lines a turn, as on a craft that is so many times slower.
+* A radiometer has the noise temperature that gives its resolution over ground of 300 K. One that looks at one incidence
+  scans on a cone: its beam is round, its footprint as large as the row says, and it turns as fast. Several feeds draw
+  as many lines a turn, as on a craft that is so many times slower. One that does not turn is flown as a turn so slow
+  that its beam stays while it integrates. Synthesis of many angles is one of its views.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ _WORDS: Final = ("name", "mode", "kind", "status", "platform", "channels", "deri
 _AIRCRAFT_M_S: Final = 100.0
 _GROUND_K: Final = 300.0
 _GAIN_DB: Final = 40.0
+_VIEW_DEG: Final = 40.0  # of all that a synthesis from orbit offers: that at which products are told (recalled)
+_STAYS: Final = 10.0  # times the integration in which a beam that does not turn moves by its width
 _AIRBORNE_NOISE_DB, _NOISE_DB = -35.0, -20.0  # assumed where nothing is known
 
 Resting = Literal["seen", "derived", "recalled", "assumed"]
@@ -104,9 +107,15 @@ class NamedSensor:
 
     @property
     def conical_incidence_deg(self) -> float:
-        """Incidence angle of a radiometer that scans on a cone [deg]; 0 of all others."""
-        cone = self.kind == "radiometer" and self.platform == "satellite" and len(self.incidences_deg) == 1
-        return self.incidences_deg[0] if cone else 0.0
+        """Incidence angle at which a radiometer looks [deg]; 0 of radars and of aircraft that sweep over many."""
+        if self.kind == "sar" or (self.platform == "aircraft" and len(self.incidences_deg) > 1):
+            return 0.0
+        return _VIEW_DEG if self.many_views else self.incidences_deg[0]
+
+    @property
+    def many_views(self) -> bool:
+        """Whether a radiometer sees each place at many angles, of which one is simulated."""
+        return self.kind == "radiometer" and self.platform == "satellite" and len(self.incidences_deg) > 1
 
     def noise_db(self, incidence_deg: float) -> float:
         """Noise-equivalent sigma0 [dB] at an incidence angle [deg].
@@ -132,7 +141,7 @@ class NamedSensor:
     def cell_m(self, incidence_deg: float) -> float:
         """Side of the smallest square cell of the product [m]; of a radiometer, of its footprint's area."""
         if self.kind == "radiometer":
-            if self.conical_incidence_deg > 0.0 and "footprint_major_km" in self.values:
+            if "effective" in self.notes:  # spread by the turn, across the direction of view
                 stretch = math.sqrt(math.cos(math.radians(self.conical_incidence_deg)))
                 return 1e3 * self.values["footprint_major_km"] * stretch
             return 1e3 * self.values["footprint_km"]
@@ -220,7 +229,7 @@ def _words(title: str) -> list[str]:
 def nearest_names(text: str, others: Iterable[str] = ()) -> list[str]:
     """Names most like one that is unknown, at most three, the likest first."""
     names = [name for one in named_sensors() for name in (one.name, one.title, *one.name.split("/"))]
-    known = {name.lower(): name for name in (*names, *others)}
+    known = {name.partition(" (")[0].lower(): name for name in (*names, *others)}
     return [known[near] for near in difflib.get_close_matches(text.lower(), known, n=3, cutoff=0.5)]
 
 
@@ -308,20 +317,17 @@ def radar_of(
 def radiometer_of(
     sensor: NamedSensor, channels: str, cell_m: float | None = None, **ground: Any
 ) -> RadiometerConfiguration:
-    """A named radiometer over a scene: on its cone, or its footprint as a square at nadir, line beside line.
+    """A named radiometer over a scene: at its incidence, or its footprint as a square at nadir, line beside line.
 
-    Synthesis of many angles is not represented. Parameters, errors: as of `radar_of`.
+    Parameters, errors: as of `radar_of`.
     """
-    need = {"altitude_km", "nedt_k", "bandwidth_mhz", "integration_time_ms", "footprint_km"}
-    if sensor.conical_incidence_deg > 0.0:
-        need.add("rotation_rpm")
-    need -= set(sensor.values)
+    need = {"altitude_km", "nedt_k", "bandwidth_mhz", "integration_time_ms", "footprint_km"} - set(sensor.values)
     if need:
         raise ConfigurationError(Problem(f"not known: {', '.join(sorted(need))}", field=sensor.title))
     known = sensor.values
     cell = max(cell_m or 0.0, sensor.cell_m(0.0))
     system_k = known["nedt_k"] * math.sqrt(1e3 * known["bandwidth_mhz"] * known["integration_time_ms"])
-    return RadiometerConfiguration(
+    made = RadiometerConfiguration(
         frequency_ghz=known["frequency_ghz"],
         channels=tuple(channels.split("+")),
         resolution_m=cell,
@@ -334,3 +340,9 @@ def radiometer_of(
         conical_incidence_deg=sensor.conical_incidence_deg,
         **ground,
     )
+    if not made.conical or "rotation_rpm" in known:
+        return made
+    length, width = made.footprint_m
+    around_m = 2.0 * math.pi * made.reach_m(made.altitude_m)[1]
+    period_s = _STAYS * 1e-3 * made.integration_time_ms * around_m / width
+    return replace(made, scan_period_s=period_s, speed_m_s=length / period_s)

@@ -32,7 +32,7 @@ class RadiometerConfiguration:
     Attributes
     ----------
     frequency_ghz : float
-        Centre frequency [GHz], 0.4 to 100.
+        Centre frequency [GHz], 0.4 to 170.
     channels : tuple of str
         Polarizations received together, of H and V; each has a receiver of its own.
     resolution_m : float

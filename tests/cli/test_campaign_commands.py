@@ -341,6 +341,17 @@ def test_check_says_what_cannot_be_built(tmp_path, tiny_scene) -> None:
     assert any("speed against orbit" in one and "moves at 69" in one for one in notes)
 
 
+def test_check_tells_the_margin_of_a_satellites_data_rate(tmp_path, tiny_scene) -> None:
+    folder = make_tiny(tmp_path / "orbit", tiny_scene, TINY.replace("altitude_m = 4000.0", "altitude_m = 600000.0"))
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "12"]).exit_code in (0, 3)
+    rate = json.loads(ok("check", folder, "--json"))["hardware"][-1]
+    asked, margin = (float(rate.partition(word)[2].split()[0].rstrip(":")) for word in (": ", "margin "))
+    assert margin == pytest.approx(3500.0 / asked, rel=0.01)
+    assert "Sentinel-1 520, " in rate
+    assert "SAOCOM-1 310?, " in rate
+    assert rate.endswith("? recalled")
+
+
 def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     found = json.loads(ok("check", copy, "--json"))["hardware"]
     assert [one.partition(",")[0] for one in found] == [
@@ -348,7 +359,7 @@ def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     ]
     assert all("margin" in one for one in found[:-1])
     assert "4 bits (assumed)" in found[-1]
-    assert "Sentinel-1 520" in found[-1]
+    assert "downlink" not in found[-1]  # an aircraft keeps its data
     assert "cannot be built" in ok("check", copy)
 
 

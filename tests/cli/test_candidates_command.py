@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -231,12 +230,17 @@ def test_a_radiometer_larger_than_the_fields_is_judged_by_its_footprint(tmp_path
     ok("candidates", folder, "--worlds", 4)
     rows = found(folder)
     coarse, fine = rows["AMSR2 10.65 GHz, H+V"], rows["PALS L 1.413 GHz low, H+V"]
-    # 42 km at 55 deg, as published, and a round beam: 24.1 km square to it.
-    assert coarse["places"][0]["footprint_m"] == pytest.approx([42e3, 42e3 * math.cos(math.radians(55.0))])
+    # A round beam at 55 deg with the area of the published 42 by 24 km.
+    assert coarse["places"][0]["footprint_m"] == pytest.approx([41.92e3, 24.05e3], rel=1e-3)
     assert coarse["places"][0]["incidence_deg"] == 55.0
-    assert fine["places"] == [{"cell_m": 490.0, "score": fine["score"]}]
+    assert fine["places"][0]["incidence_deg"] == 40.0
+    assert fine["places"][0]["cell_m"] == 490.0
+    assert max(coarse["scene_km"]) < 24.0
+    assert "scene_km" not in fine
     measured = json.loads((folder / FILE).read_text(encoding="utf-8"))
-    assert "footprint 42.0 by 24.1 km at 55 deg" in " ".join(repr(Candidates(measured)).split())
+    told = " ".join(repr(Candidates(measured)).split())
+    assert "footprint 41.9 by 24.0 km at 55 deg" in told
+    assert "larger than the scene of" in told
     assert coarse["difference"] < -10.0
     assert "cell and looks" in {one["property"] for one in fine["owed_to"]}
     assert "angle" not in {one["property"] for one in fine["owed_to"]}

@@ -16,7 +16,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
-from validate_flevoland import CELL_M, EFFECTIVE, scene, table
+from validate_flevoland import CELL_M, EFFECTIVE, TEXTURE_DB, TEXTURE_M, scene, table
 
 from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.arrays import FloatArray
@@ -101,7 +101,7 @@ def flown(channels: str, resolution_m: float, in_worlds: bool) -> FloatArray:
     (sensor,) = sensors_called("AIRSAR L POLSAR 40 MHz")
     looks = EFFECTIVE * 4.0 * (resolution_m / CELL_M) ** 2
     shape = RadarConfiguration(1.25, ("HH",), resolution_m, 60.0, 6e3, 45.0, 8e3, looks=looks, speed_m_s=200.0)
-    own = radar_of(sensor, channels, 40.0, resolution_m, texture_db=1.0, texture_m=75.0)
+    own = radar_of(sensor, channels, 40.0, resolution_m, texture_db=TEXTURE_DB, texture_m=TEXTURE_M)
     radar = exchanged(own, shape, ("cell and looks",))
     found = []
     for run in range(1, FLIGHTS + 1):
@@ -144,10 +144,8 @@ def flight_lines() -> list[str]:
         f"with cells up to 97 m {fine[1]:.0f} of {sum(one[1] < 100.0 for one in rows)}. Simulated minus flight, with",
         f"the flight's means: {np.mean(differences):+.1f} on average, {rms:.1f} rms.",
         "",
-        "With cells up to 97 m and table uncertainty included, the simulation reproduces the flight. With coarser",
-        "cells, and with class means taken as known, simulated scores are too low, because the ground between the",
-        "labelled fields and the variation within fields are drawn at random; [flevoland.md](flevoland.md) shows the",
-        "same differences shrink to -1.2 once both are measured. The 49 scores come from one recording and are not",
+        "Fields are one cell wider than their labels, and their spread is that of whole fields' means, texture within",
+        "them apart, as [flevoland.md](flevoland.md) measures both. The 49 scores come from one recording and are not",
         "independent.",
     ]
 

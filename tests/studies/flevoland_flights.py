@@ -17,7 +17,16 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from validate_flevoland import CELL_M, EFFECTIVE, class_rows, flight_scores, scene
+from validate_flevoland import (
+    CELL_M,
+    EFFECTIVE,
+    TEXTURE_DB,
+    TEXTURE_M,
+    class_rows,
+    field_spread_db,
+    flight_scores,
+    scene,
+)
 
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
@@ -64,8 +73,8 @@ peak_power = 6000.0
 depression_angle = 45.0
 altitude_m = 8000.0
 speed_m_s = 200.0
-texture_db = 1.0
-texture_m = 75.0
+texture_db = {TEXTURE_DB}
+texture_m = {TEXTURE_M}
 [stop]
 half_width = 0.5
 level = {LEVEL}
@@ -97,12 +106,12 @@ KINDS: dict[str, tuple[bool, Choice | None]] = {
 def classes(seed: int) -> str:
     """Long table of the class means, off by one draw of what an L-band table's row is."""
     lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,sd,mean_sd,unit,status,source"]
-    for row in class_rows():
-        name = f"{row['class']} (flight)"
-        for channel, sd in MEAN_SD_DB.items():
+    for channel, sd in MEAN_SD_DB.items():
+        for row, fields in zip(class_rows(), field_spread_db(channel), strict=True):
+            name = f"{row['class']} (flight)"
             off = sd * World(2**20 + seed, 0).departure(name, "", 1.25, channel)[40]
-            value, fields = float(row[f"{channel.lower()}_dB"]) + off, row[f"{channel.lower()}_sd_dB"]
-            rest = f"{value:.3f},{fields},{sd},dB,measured,AIRSAR"
+            value = float(row[f"{channel.lower()}_dB"]) + off
+            rest = f"{value:.3f},{fields:.3f},{sd},dB,measured,AIRSAR"
             lines += [f"sigma0,{name},1.25,{channel},{theta},{rest}" for theta in (0, 75)]
     return "\n".join(lines) + "\n"
 

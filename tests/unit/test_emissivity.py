@@ -126,8 +126,8 @@ def test_water_follows_the_dielectric_model():
     assert 1.0 - water.h == pytest.approx(0.3034, abs=5e-5)
 
 
-@pytest.mark.parametrize("f", [1.4, 18.7, 36.5, 89.0, 100.0])
-def test_water_is_that_of_another_fit_up_to_100_ghz(f):
+@pytest.mark.parametrize("f", [1.4, 18.7, 36.5, 89.0, 100.0, 166.0])
+def test_water_is_that_of_another_fit(f):
     """Fresh water at 20 C by Meissner and Wentz 2004 (IEEE TGRS 42(9), 1836-1849, eq. 8 to 11)."""
     t = 20.0
     static = (3.70886e4 - 8.2168e1 * t) / (4.21854e2 + t)
@@ -154,6 +154,14 @@ def test_above_40_ghz_means_are_known_less_and_land_goes_on_without_a_step():
     assert np.abs(np.array(at[89.0].emissivity) - x)[..., :60].max() < 0.12
 
 
+def test_above_100_ghz_means_are_known_less_still_and_the_notes_say_so():
+    at = {f: TABLE.lookup(list(TABLE.curves), f, "V") for f in (89.0, 166.0, 170.0)}
+    assert (at[170.0].mean_sd >= 0.07).all()
+    assert any("above 100 GHz" in note for note in at[166.0].notes)
+    assert not any("above 100 GHz" in note for note in at[89.0].notes)
+    assert np.abs(at[166.0].emissivity - at[89.0].emissivity)[..., :60].max() < 0.12
+
+
 def test_smooth_bare_ground_is_fresnel():
     # Independent run of the book's code: eps 9 - 0.9j, 50 deg: 0.88854 (V), 0.59233 (H).
     assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "V") == pytest.approx(0.88854, abs=5e-6)
@@ -162,9 +170,9 @@ def test_smooth_bare_ground_is_fresnel():
 
 def test_missing_category_polarization_and_frequency_are_named_together():
     with pytest.raises(ScatteringDataError) as caught:
-        TABLE.lookup(["Trees", "Lava", "Snow"], 118.0, "HV")
+        TABLE.lookup(["Trees", "Lava", "Snow"], 183.3, "HV")
     text = str(caught.value)
-    for part in ("'Lava'", "'Snow'", "118.0", "'HV'"):
+    for part in ("'Lava'", "'Snow'", "183.3", "'HV'"):
         assert part in text
 
 

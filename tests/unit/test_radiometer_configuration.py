@@ -50,7 +50,7 @@ def test_faults_of_names_are_told_together():
 
 
 @pytest.mark.parametrize(("name", "value"), [
-    ("frequency", 118.0), ("frequency", 0.2), ("polarization", "HH"), ("polarization", "H+H"), ("resolution", 0.0),
+    ("frequency", 183.3), ("frequency", 0.2), ("polarization", "HH"), ("polarization", "H+H"), ("resolution", 0.0),
     ("integration_time", -1.0), ("bandwidth", 0.0), ("noise_temperature", -5.0), ("scan_period", 0.0),
     ("bandwidth", math.nan), ("weather", "fog"), ("heading_deg", 45.0), ("receiver", "crystal"), ("beam", "pencil"),
 ])  # fmt: skip

@@ -154,8 +154,9 @@ def _note(row: Mapping[str, Any]) -> str:
     parts = []
     places = row.get("places") or []
     if places:
-        cells = format_significant(places[len(places) // 2]["cell_m"], 3)
-        parts.append(f"cell {cells}\u00a0m")
+        if "footprint_m" not in places[0]:
+            cells = format_significant(places[len(places) // 2]["cell_m"], 3)
+            parts.append(f"cell {cells}\u00a0m")
         if "looks" in places[0]:
             angles = " / ".join(f"{one['incidence_deg']:.0f}" for one in places)
             scores = " / ".join(format_number(one["score"], 1) for one in places)
@@ -164,7 +165,10 @@ def _note(row: Mapping[str, Any]) -> str:
             parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
         elif "footprint_m" in places[0]:
             length, width = (format_significant(1e-3 * side, 3) for side in places[0]["footprint_m"])
-            parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg, on a cone")
+            parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg")
+    if "scene_km" in row:
+        wide, long = (format_significant(side, 3) for side in row["scene_km"])
+        parts.append(f"larger than the scene of {wide} by {long}\u00a0km, which it cannot resolve")
     dates = row.get("dates")
     if dates:
         days = listing([f"{day:g}" for day in dates["used"]])

@@ -1,7 +1,7 @@
 """Texture within fields: real fields are not even inside, which matters where speckle is averaged away.
 
-Rows, wet spots and trends make the backscatter of parts of a field differ. In the AIRSAR flight over Flevoland parts
-of 50 to 100 m scatter by 0.8 to 1.1 dB about the mean of their field beyond what speckle explains
+Rows, wet spots and trends make the backscatter of parts of a field differ. In the AIRSAR flight over Flevoland blocks
+of 24 to 145 m scatter about the mean of their field as speckle and parts of 75 m that differ by 1 dB let them
 (``reports/validation/flevoland.md``). Here each field is cut into drawn pieces, and each piece departs from its field.
 """
 
