@@ -242,7 +242,7 @@ class Section:
     key : str
         Anchor, unique in the report, of letters, digits and hyphens.
     new_page : bool
-        Whether paper starts a page before it.
+        Whether paper starts a page before it, unless a few lines alone would stand on the page that is left.
     """
 
     key: str

@@ -29,6 +29,8 @@ from seqrsm.report.blocks import (
     FigureBlock,
     KeyFigures,
     Paragraph,
+    Report,
+    Section,
     Table,
 )
 from seqrsm.report.content import build_report
@@ -360,3 +362,12 @@ def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkey
 def test_counted_nouns():
     assert [counted(n, "cover") for n in (0, 1, 2)] == ["0 covers", "1 cover", "2 covers"]
     assert [counted(n, "batch", "batches") for n in (1, 3)] == ["1 batch", "3 batches"]
+
+
+@pytest.mark.parametrize(("words", "page"), [(60, 1), (1150, 2), (1450, 2), (2000, 3)])
+def test_a_section_follows_a_short_rest_and_else_begins_a_page(words: int, page: int) -> None:
+    """A summary of one page stands alone; a few lines of it on the next do not."""
+    summary = Section("s", "Summary", (Paragraph("word " * words),))
+    rest = Section("r", "Second section", (Paragraph("more"),), new_page=True)
+    pages = PdfReader(io.BytesIO(render_pdf(Report("Title", "", "state", "1", (summary, rest))))).pages
+    assert [i for i, one in enumerate(pages, start=1) if "Second section" in one.extract_text()] == [page]
