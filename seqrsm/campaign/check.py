@@ -50,6 +50,7 @@ REFUSAL_LEVEL = 0.99
 
 _ROOM = 1.2
 """By how much a target may be above the median half-width that the budget gives."""
+_TOLD_SHARE = 0.05  # of the variance: less is not why a target is out of reach
 
 _ALL_SUBSETS = 4
 """Factors of which every subset is planned; of more, all of them and all but one."""
@@ -217,9 +218,13 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
     expected = result.plans[0].half_width
     reason = (
         f"{amount(result.target, result.unit)} is out of reach: {result.max_runs} runs are expected to give "
-        f"{expected:.4g}; {100.0 * result.ground_share:.0f} % of a run's variance is table uncertainty, which flights "
-        'reduce and simulations do not ([stop] worlds = "ignore" excludes it)'
+        f"{expected:.4g}"
     )
+    if result.ground_share >= _TOLD_SHARE:
+        reason += (
+            f"; {100.0 * result.ground_share:.0f} % of a run's variance is table uncertainty, which flights "
+            'reduce and simulations do not ([stop] worlds = "ignore" excludes it)'
+        )
     unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
     target = f"half_width = {unit * math.ceil(_ROOM * expected / unit):.10g}"
     lines = [*(f"# {line}" for line in textwrap.wrap(reason, 110)), target]

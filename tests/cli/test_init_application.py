@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
+from seqrsm.campaign import check
 from seqrsm.catalog import load_catalog, start_ranges
 from seqrsm.catalog.measures import measure_of
 from seqrsm.cli.app import app
@@ -75,8 +77,17 @@ def test_a_campaign_passes_its_own_check_and_says_why_its_target_is_wide(tmp_pat
     if widened:  # no wider than it must be, and the reason is that of the check
         assert found["target"] <= 1.32 * as_it_is["half_width"]
         assert f"{100 * found['ground_share']:.0f} % of a run's variance" in " ".join(text.replace("# ", "").split())
+        assert found["ground_share"] > 0.05
     else:
         assert found["target"] == 14.0
+
+
+def test_tables_are_no_reason_for_a_wide_target_where_they_scatter_nothing(tmp_path, monkeypatch) -> None:
+    real = check.check_campaign
+    monkeypatch.setattr(check, "check_campaign", lambda *given: replace(real(*given), ground_share=0.0))
+    said = " ".join(made(tmp_path / "mine", "flood").split())
+    assert "are expected to give" in said
+    assert "table uncertainty" not in said
 
 
 @pytest.mark.parametrize("name", ["crops-and-moisture", "flevoland", "limburg-radar"])
