@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -168,10 +168,10 @@ def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
     """
     if isinstance(image, RadarImage):
         if smooth:
-            return np.asarray(10.0 ** (0.1 * _smoothed(image)).reshape(len(image.intensity), -1))
+            return np.asarray(10.0 ** (0.1 * _smoothed(*_values(image))).reshape(len(image.intensity), -1))
         power = image.apparent_sigma0()
         return np.asarray(power.reshape(len(power), -1))
-    brightness = _smoothed(image) if smooth else image.brightness_k
+    brightness = _smoothed(*_values(image)) if smooth else image.brightness_k
     angle = np.repeat(np.square(image.scan.look_rad), brightness.shape[2])
     return np.vstack([brightness.reshape(-1, angle.size), angle], dtype=np.float64)
 
@@ -187,9 +187,9 @@ def _values(image: Image) -> tuple[AnyArray, AnyArray]:
     return db, np.broadcast_to(noise, db.shape)
 
 
-def _smoothed(image: Image) -> FloatArray:
-    """The values of an image after Lee's filter."""
-    return np.stack([_lee(value, noise) for value, noise in zip(*_values(image), strict=True)])
+def _smoothed(values: AnyArray, noise: AnyArray) -> FloatArray:
+    """What `_values` gives, after Lee's filter."""
+    return np.stack([_lee(value, variance) for value, variance in zip(values, noise, strict=True)])
 
 
 def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
@@ -330,14 +330,16 @@ def _segments(images: Sequence[Image], base: Image, pixels: Pixels) -> IntArray:
     than noise does at a chance of `BY_NOISE`. A coarser image has as many fewer values that are independent.
     """
 
-    def in_noise(image: Image, values: AnyArray) -> AnyArray:
-        noise = _values(image)[1] * max(_cell_m(image) / _side_m(base), 1.0) ** 2
+    def in_noise(image: Image, *, smooth: bool) -> AnyArray:
+        values, noise = _values(image)
+        values = _smoothed(values, noise) if smooth else values
+        independent = noise * max(_cell_m(image) / _side_m(base), 1.0) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray((values / np.sqrt(noise)).reshape(len(values), -1))
+            return np.asarray((values / np.sqrt(independent)).reshape(len(values), -1))
 
     x, smooth = (
-        np.vstack(_on_pixels(images, base, pixels, layers), dtype=np.float64)
-        for layers in (lambda one: in_noise(one, _values(one)[0]), lambda one: in_noise(one, _smoothed(one)))
+        np.vstack(_on_pixels(images, base, pixels, partial(in_noise, smooth=smooth)), dtype=np.float64)
+        for smooth in (False, True)
     )
     for layers in (x, smooth):
         _fill_unseen(layers, np.ones(layers.shape[1], dtype=bool))

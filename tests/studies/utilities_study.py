@@ -100,7 +100,7 @@ def of_flight(path: Path) -> list[str]:
     scene = flevoland.scene()
     one_cover = replace(scene, categories=("Grass",), cover=np.zeros_like(scene.cover))
     with np.load(path) as planes:
-        power = [10.0 ** (0.1 * (planes[f"{c}_q"].astype(np.float64).ravel() / 4.0 - 60.0)) for c in ("hh", "hv", "vv")]
+        power = [flevoland.recorded(planes, channel).ravel() for channel in ("hh", "hv", "vv")]
     lines = ["| window | looks | " + " | ".join(f"by {unit}" for unit in UNITS) + " |", "|" + "---|" * (2 + len(UNITS))]
     for window in WINDOWS:
         looks = 4.0 * flevoland.EFFECTIVE * window**2

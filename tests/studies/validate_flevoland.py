@@ -17,7 +17,7 @@ import csv
 import dataclasses
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache, partial
 from pathlib import Path
@@ -101,6 +101,11 @@ def scene(margin_cells: int = MARGIN_CELLS) -> Scene:
     )
 
 
+def recorded(planes: Mapping[str, np.ndarray], channel: str) -> np.ndarray:
+    """Backscatter of a channel of the recording, by rows and columns, linear [1]."""
+    return 10.0 ** (0.1 * (planes[f"{channel}_q"].astype(np.float64) / 4.0 - 60.0 + 10.99))
+
+
 def measure_fields(flight: Path) -> None:
     """Write the mean of each field of `scene` in the flight [dB], of labelled ones without their margins."""
     used = scene().scored | (labelled_cells() == 0)[scene().field_id]
@@ -108,7 +113,7 @@ def measure_fields(flight: Path) -> None:
     means = {}
     with np.load(flight) as planes:
         for channel in ("hh", "hv", "vv"):
-            power = 10.0 ** (0.1 * (planes[f"{channel}_q"][used].astype(np.float64) / 4.0 - 60.0 + 10.99))
+            power = recorded(planes, channel)[used]
             total = np.bincount(field, power) / np.bincount(field)
             means[f"{channel}_db"] = (10.0 * np.log10(total)).astype(np.float32)
     np.savez_compressed(OUT / "flevoland_fields.npz", **means)
