@@ -275,6 +275,8 @@ def test_field_spread_goes_from_l_to_c_band() -> None:
     """Straight over the logarithm of frequency, held beyond."""
     sd = [float(TABLE.lookup(["Vegetables"], f, "VV").field_sd_db[0]) for f in (0.7, 1.25, 2.598, 5.4, 13.6)]
     assert sd == pytest.approx([2.09, 2.09, 0.5 * (2.09 + 0.93), 0.93, 0.93], abs=1e-3)
+    # A cover that C band says nothing of keeps the spread of L band.
+    assert {float(TABLE.lookup(["Trees"], f, "VV").field_sd_db[0]) for f in (1.25, 2.598, 5.4)} == {0.68}
 
 
 def test_channels_of_fields_are_correlated_as_in_the_flight() -> None:

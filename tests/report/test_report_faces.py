@@ -32,12 +32,13 @@ from seqrsm.report.blocks import (
     Report,
     Section,
     Table,
+    table,
 )
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.data import question_section
-from seqrsm.report.wording import counted
+from seqrsm.report.wording import counted, number_cell
 from seqrsm.spec.tables import StopSpec
 
 
@@ -371,3 +372,14 @@ def test_a_section_follows_a_short_rest_and_else_begins_a_page(words: int, page:
     rest = Section("r", "Second section", (Paragraph("more"),), new_page=True)
     pages = PdfReader(io.BytesIO(render_pdf(Report("Title", "", "state", "1", (summary, rest))))).pages
     assert [i for i, one in enumerate(pages, start=1) if "Second section" in one.extract_text()] == [page]
+
+
+def test_columns_are_sorted_by_their_numbers_not_by_what_is_shown() -> None:
+    """Ten digits: enough to tell values apart, and the same on any machine."""
+    values = [1234.56789, 1234.56788, -2.5e-7]
+    rows = [[number_cell("1230", value)] for value in values]
+    shown = table("Values", ("Value",), rows)
+    page = render_html(Report("Title", "", "state", "1", (Section("s", "Summary", (shown,)),)))
+    keys = [float(key) for key in re.findall(r'data-value="([^"]*)"', page)]
+    assert keys == pytest.approx(values, rel=1e-9)
+    assert len(set(keys)) == 3
