@@ -18,6 +18,8 @@ def ground_ranges_m(
 ) -> tuple[FloatArray, slice]:
     """Ground range of the centre of each row of a scene [m], the depression angle pointing at its centre.
 
+    Of a plan-position indicator rows are rings, a cell apart.
+
     Parameters
     ----------
     radar : RadarConfiguration
@@ -39,31 +41,18 @@ def ground_ranges_m(
         The flight line is too low, the swath is empty, reaches behind nadir or beyond the horizon, or pulses overlap.
     """
     height = radar.altitude_m - mean_elevation_m
-    # A line below the ground has no geometry: it is refused by its height.
-    look = math.radians(90.0 - radar.depression_angle_deg)
-    centre = ground_range_of_look(look, height, radar.curved) if height > 0.0 else 0.0
-    y = centre + (np.arange(n_rows, dtype=np.float64) - 0.5 * (n_rows - 1)) * cell_m
-    return y, _imaged(radar, y, cell_m, height, highest_elevation_m)
-
-
-def ring_ranges_m(
-    radar: RadarConfiguration, n_rings: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
-) -> tuple[FloatArray, slice]:
-    """Ground range of the rings of a plan-position indicator [m], and those within the swath.
-
-    Parameters, results and errors are those of `ground_ranges_m`, for rings in place of rows.
-    """
-    y = cell_m * np.arange(1, n_rings + 1, dtype=np.float64)
-    return y, _imaged(radar, y, cell_m, radar.altitude_m - mean_elevation_m, highest_elevation_m)
-
-
-def _imaged(radar: RadarConfiguration, y: FloatArray, cell_m: float, height_m: float, highest_m: float) -> slice:
-    """Rows within the swath; ConfigurationError where they cannot be imaged."""
-    rows = _swath_rows(radar, y, height_m) if height_m > 0.0 else slice(0, len(y))
-    problems = _swath_problems(radar, y[rows], cell_m, height_m, highest_m)
+    if radar.scan == "ppi":
+        y = cell_m * np.arange(1, n_rows + 1, dtype=np.float64)
+    else:
+        # A line below the ground has no geometry: it is refused by its height.
+        look = math.radians(90.0 - radar.depression_angle_deg)
+        centre = ground_range_of_look(look, height, radar.curved) if height > 0.0 else 0.0
+        y = centre + (np.arange(n_rows, dtype=np.float64) - 0.5 * (n_rows - 1)) * cell_m
+    rows = _swath_rows(radar, y, height) if height > 0.0 else slice(0, n_rows)
+    problems = _swath_problems(radar, y[rows], cell_m, height, highest_elevation_m)
     if problems:
         raise ConfigurationError(*problems)
-    return rows
+    return y, rows
 
 
 def _swath_rows(radar: RadarConfiguration, y: FloatArray, height_m: float) -> slice:

@@ -181,6 +181,8 @@ def frame(z, y0, height, cell, dtype=np.float64, curved=False) -> RadarFrame:
         top_m=z,
         cover=np.zeros(z.shape, dtype=np.uint8),
         field=np.zeros(z.shape, dtype=np.int32),
+        mean_m=0.0,
+        peak_m=float(z.max()),
         source=np.arange(z.shape[0]),
         ground_range_m=y,
         height_m=height,

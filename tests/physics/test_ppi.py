@@ -10,7 +10,7 @@ from psm_cases import Table, radar, scene
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.score.cover import percent_correct
-from seqrsm.simulate.radar.ppi import bilinear, polar_layers
+from seqrsm.simulate.radar.frame import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.result import rectangular, rectangular_pixels
 from seqrsm.simulate.radar.targets import CulturalTarget

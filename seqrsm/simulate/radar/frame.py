@@ -1,37 +1,76 @@
-"""The data base turned into the radar's frame: rows of constant ground range, columns along the flight."""
+"""The data base turned into the radar's frame: rows of constant ground range, columns along the flight.
+
+Of a plan-position indicator, a rotating antenna over one point (RSL TR 380-1 section 3.2.3), rows are rings of one
+ground range and columns bearings, on which the same kernels work; pixels are as wide as the real beam, a constant
+angle. `seqrsm.simulate.radar.result` turns that picture back into rectangular coordinates, north up.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.errors import Problem, SceneError
-from seqrsm.scene.layers import known_heights, levelled, turned
+from seqrsm.errors import ConfigurationError, Problem, SceneError
+from seqrsm.plain import shallow
+from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.swath import ground_ranges_m, ring_ranges_m
-from seqrsm.simulate.radar.ppi import PolarLayers, bilinear, polar_layers
+from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar.texture import ground_of
 
+_MOST_CELLS: Final = 400_000_000
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RadarFrame:
-    """A scene as one radar flies past it.
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FrameLayers:
+    """A scene's layers in the orientation of a heading, or on rings around the antenna, whatever the run.
 
     Attributes
     ----------
     elevation_m : float array (rows, m)
         Height above the datum, the scene's mean elevation [m]; gaps filled.
-    top_m : float array (rows, m)
-        Height of the top of what stands on it [m]: trees and buildings; the same array where nothing does.
     cover : uint8 array (rows, m)
         Category; 255 where category or elevation is not known.
     field : int32 array (rows, m)
+    mean_m, peak_m : float
+        Of the scene's elevations [m].
+    lowest_m, highest_m : float array (rows,)
+        Extremes of each row of `elevation_m` [m].
+    quarter_turns : int
+        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame, or nearly so for other headings.
+    cell_of_scene : int64 array (rows, cols) or None
+        Place of each cell of the scene in the layers, where they do not lie along its grid.
+    wrapped : int
+        Columns of a pixel of a plan-position indicator, else 0. Its columns go clockwise from north; the first and the
+        last so many repeat the other end, so that slopes and beams run over north without a seam.
+    """
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    mean_m: float
+    peak_m: float
+    lowest_m: AnyArray
+    highest_m: AnyArray
+    quarter_turns: int
+    cell_of_scene: IntArray | None
+    wrapped: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RadarFrame(FrameLayers):
+    """A scene as one radar flies past it.
+
+    Attributes
+    ----------
+    top_m : float array (rows, m)
+        Height of the top of what stands on it [m]: trees and buildings; the same array where nothing does.
     source : int64 array (n,)
         Row of the layers that stands in each row of the frame; beyond the edges of the scene its mirror image.
     ground_range_m : float64 array (n,)
@@ -44,26 +83,15 @@ class RadarFrame:
         Ground range of the swath's near edge, and of the scene's centre [m].
     pad_near, n_rows : int
         Rows before the swath's own, and the number of those.
-    quarter_turns : int
-        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame, or nearly so for other headings.
     curved : bool
         Whether the datum is a sphere.
-    cell_of_scene : int64 array or None
-        For headings not along the grid: place of each cell of the scene in the frame's layers.
-    lowest_m, highest_m : float array (rows,)
-        Extremes of each row of `elevation_m` [m].
     edge_m : tuple of float
         Medians of the elevations' rise where trees or buildings begin, and of the height of these [m].
     column_m : float64 array (n,) or None
         Distance between columns on each ring of a plan-position indicator [m]; None: `cell_m`.
-    wrapped : int
-        Columns of such a frame that repeat the other end, on either side; one pixel's worth.
     """
 
-    elevation_m: AnyArray
     top_m: AnyArray
-    cover: AnyArray
-    field: AnyArray
     source: IntArray
     ground_range_m: FloatArray
     height_m: float
@@ -72,37 +100,17 @@ class RadarFrame:
     centre_m: float
     pad_near: int
     n_rows: int
-    quarter_turns: int
     curved: bool
-    cell_of_scene: IntArray | None
-    lowest_m: AnyArray
-    highest_m: AnyArray
     edge_m: tuple[float, float] = (0.0, 0.0)
     column_m: FloatArray | None = None
-    wrapped: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turned:
-    """A scene's layers in the orientation of a heading."""
-
-    elevation_m: AnyArray
-    cover: AnyArray
-    field: AnyArray
-    mean_m: float
-    peak_m: float
-    lowest_m: AnyArray
-    highest_m: AnyArray
-    relief_m: AnyArray
-    turns: int
-    cell_of_scene: IntArray | None
 
 
 def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:
     """Turn a scene so that the radar looks along its rows, and fill its gaps.
 
     Relief moves echoes in range, so image rows at the rim would lack echoes from ground outside the swath. Rows beyond
-    the swath, mirrored at the edges of the scene, stand in for that ground; they are never scored.
+    the swath, mirrored at the edges of the scene, stand in for that ground; they are never scored. Rings of a
+    plan-position indicator stand there themselves.
 
     Parameters
     ----------
@@ -120,76 +128,47 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     ConfigurationError
         The swath is impossible from this flight line.
     SceneError
-        No cell has an elevation.
+        No cell has an elevation, or the antenna sees none.
     """
     scene = ground_of(scene, radar)
+    cell = scene.cell_m
     if radar.scan == "ppi":
-        return _polar_frame(scene, radar, precision)
-    layers = _turned(scene, radar.heading_deg, precision)
-    n_rows = layers.elevation_m.shape[0]
-    y, rows = ground_ranges_m(radar, n_rows, scene.cell_m, layers.mean_m, layers.peak_m)
-    height = radar.altitude_m - layers.mean_m
-    own = y[rows]
-    near, far = _padding(layers.relief_m[rows], own, height, scene.cell_m, radar.resolution_m)
-    steps = np.arange(rows.start - near, rows.stop + far)
-    # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1. ~k is -1 - k.
-    mirrored = np.maximum(steps, ~steps)
-    np.minimum(mirrored, 2 * n_rows - 1 - mirrored, out=mirrored)
-    top, edge = _tops(layers, scene.categories, radar.tree_height_m, radar.building_height_m)
-    return RadarFrame(
-        elevation_m=layers.elevation_m,
-        top_m=top,
-        cover=layers.cover,
-        field=layers.field,
-        source=mirrored,
-        ground_range_m=y[0] + steps * scene.cell_m,
-        height_m=height,
-        cell_m=scene.cell_m,
-        near_edge_m=float(own[0]) - 0.5 * scene.cell_m,
-        centre_m=0.5 * float(y[0] + y[-1]),
-        pad_near=near,
-        n_rows=len(own),
-        quarter_turns=layers.turns,
-        curved=radar.curved,
-        cell_of_scene=layers.cell_of_scene,
-        lowest_m=layers.lowest_m,
-        highest_m=layers.highest_m,
-        edge_m=edge,
-    )
-
-
-def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:
-    """Frame of a plan-position indicator: rings around the antenna; those outside the swath stand beside it."""
-    known_heights(scene)
-    east, north = radar.antenna_east_m, radar.antenna_north_m
-    polar = polar_layers(scene, east, north, radar.azimuth_beamwidth_rad, precision)
-    n_rings = polar.elevation_m.shape[0]
-    y, rows = ring_ranges_m(radar, n_rings, scene.cell_m, polar.mean_m, polar.peak_m)
-    if (polar.cover == NO_COVER).all():
+        known_heights(scene)
+        place = radar.antenna_east_m, radar.antenna_north_m
+        layers = polar_layers(scene, *place, radar.azimuth_beamwidth_rad, precision)
+    else:
+        layers = _turned(scene, radar.heading_deg, precision)
+    n_rows = len(layers.elevation_m)
+    y, rows = ground_ranges_m(radar, n_rows, cell, layers.mean_m, layers.peak_m)
+    if layers.wrapped and (layers.cover == NO_COVER).all():
         text = "the antenna does not see the scene"
-        raise SceneError(Problem(text, "Move it closer", field="antenna_east_m", value=east))
-    top, edge = _tops(polar, scene.categories, radar.tree_height_m, radar.building_height_m)
+        raise SceneError(Problem(text, "Move it closer", field="antenna_east_m", value=radar.antenna_east_m))
+    height, own = radar.altitude_m - layers.mean_m, y[rows]
+    if layers.wrapped:
+        source, pad_near, ranges, centred = np.arange(n_rows), rows.start, y, own
+    else:
+        pad_near, far = _padding(layers, rows, own, height, cell, radar.resolution_m)
+        steps = np.arange(rows.start - pad_near, rows.stop + far)
+        # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1. ~k is -1 - k.
+        source = np.maximum(steps, ~steps)
+        np.minimum(source, 2 * n_rows - 1 - source, out=source)
+        ranges, centred = y[0] + steps * cell, y
+    top, edge = _tops(layers, scene.categories, radar.tree_height_m, radar.building_height_m)
+    column_rad = 2.0 * math.pi / (layers.elevation_m.shape[1] - 2 * layers.wrapped)
     return RadarFrame(
-        elevation_m=polar.elevation_m,
+        **shallow(layers),
         top_m=top,
-        cover=polar.cover,
-        field=polar.field,
-        source=np.arange(n_rings),
-        ground_range_m=y,
-        height_m=radar.altitude_m - polar.mean_m,
-        cell_m=scene.cell_m,
-        near_edge_m=float(y[rows][0]) - 0.5 * scene.cell_m,
-        centre_m=0.5 * float(y[rows][0] + y[rows][-1]),
-        pad_near=rows.start,
-        n_rows=rows.stop - rows.start,
-        quarter_turns=0,
+        source=source,
+        ground_range_m=ranges,
+        height_m=height,
+        cell_m=cell,
+        near_edge_m=float(own[0]) - 0.5 * cell,
+        centre_m=0.5 * float(centred[0] + centred[-1]),
+        pad_near=pad_near,
+        n_rows=len(own),
         curved=radar.curved,
-        cell_of_scene=polar.cell_of_scene,
-        lowest_m=polar.elevation_m.min(axis=1),
-        highest_m=polar.elevation_m.max(axis=1),
         edge_m=edge,
-        column_m=y * polar.column_rad,
-        wrapped=polar.columns_a_pixel,
+        column_m=y * column_rad if layers.wrapped else None,
     )
 
 
@@ -208,7 +187,7 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
 # The layers do not depend on the run, so the runs of a campaign share them.
 @lru_cache(maxsize=2)
 def _tops(
-    layers: _Turned | PolarLayers, categories: tuple[str, ...], trees_m: float, buildings_m: float
+    layers: FrameLayers, categories: tuple[str, ...], trees_m: float, buildings_m: float
 ) -> tuple[AnyArray, tuple[float, float]]:
     """Height of the top of what stands on each cell, and ``edge_m`` of `RadarFrame`."""
     height = np.zeros(NO_COVER + 1, dtype=layers.elevation_m.dtype)
@@ -226,7 +205,7 @@ def _tops(
 
 
 @lru_cache(maxsize=2)
-def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
+def _turned(scene: Scene, heading_deg: float, precision: str) -> FrameLayers:
     _, mean, highest = known_heights(scene)
     turns = round((heading_deg - 90.0) / 90.0)
     place: IntArray | None = None
@@ -239,8 +218,12 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
             remedy = "Fly along the grid: a heading of 0, 90, 180 or 270 deg"
             raise SceneError(Problem(text, remedy, field="heading_deg", value=heading_deg))
     cover = levelled(elevation, cover, mean)
-    lowest, top = elevation.min(axis=1), elevation.max(axis=1)
-    return _Turned(elevation, cover, field, mean, highest, lowest, top, np.maximum(top, -lowest), turns, place)
+    return _layers(elevation, cover, field, mean_m=mean, peak_m=highest, quarter_turns=turns, cell_of_scene=place)
+
+
+def _layers(elevation: AnyArray, cover: AnyArray, field: AnyArray, **more: Any) -> FrameLayers:
+    ends = {"lowest_m": elevation.min(axis=1), "highest_m": elevation.max(axis=1)}
+    return FrameLayers(elevation_m=elevation, cover=cover, field=field, **ends, **more)
 
 
 def _rotated(scene: Scene, heading_rad: float, precision: str) -> tuple[AnyArray, AnyArray, AnyArray, IntArray]:
@@ -261,12 +244,7 @@ def _rotated(scene: Scene, heading_rad: float, precision: str) -> tuple[AnyArray
         along = (np.arange(m) - 0.5 * (m - 1))[None, :]
         col = 0.5 * (cols - 1) + along * sine + away * cosine
         row = 0.5 * (rows - 1) - along * cosine + away * sine
-        inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
-        i = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64)
-        j = np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
-        elevation[part] = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
-        cover[part] = np.where(inside, scene.cover[i, j], np.uint8(NO_COVER))
-        field[part] = scene.field_id[i, j]
+        elevation[part], cover[part], field[part] = _sampled(scene, row, col)
     place = np.empty((rows, cols), dtype=np.int64)
     own_col = np.arange(cols)[None, :] - 0.5 * (cols - 1)
     for part in strips(rows, cols):
@@ -277,8 +255,11 @@ def _rotated(scene: Scene, heading_rad: float, precision: str) -> tuple[AnyArray
     return elevation, cover, field, place
 
 
-def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, resolution_m: float) -> tuple[int, int]:
+def _padding(
+    layers: FrameLayers, rows: slice, y: FloatArray, height_m: float, cell_m: float, resolution_m: float
+) -> tuple[int, int]:
     """Rows to add before and behind the swath: twice the relief displacement beyond the edge, and one pixel."""
+    relief = np.maximum(layers.highest_m, -layers.lowest_m)[rows]
     moved = relief * (height_m / y)
     out = []
     for reach, room in (
@@ -288,3 +269,99 @@ def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, re
         wanted = math.ceil((2.0 * max(reach, 0.0) + resolution_m) / cell_m) + 1
         out.append(max(min(wanted, room, len(y)), 0))
     return out[0], out[1]
+
+
+@lru_cache(maxsize=2)
+def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: float, precision: str) -> FrameLayers:
+    """Scene in polar coordinates: elevation by straight lines, category and field by the nearest cell.
+
+    Rings are a cell apart and reach the farthest corner of the scene; columns are at most a cell apart on the farthest
+    ring. What lies outside the scene is no data.
+
+    Parameters
+    ----------
+    scene : Scene
+    east_m, north_m : float
+        Antenna from the middle of the scene [m].
+    beamwidth_rad : float
+        Half-power width of the beam in azimuth; pixels are as wide, rounded so that their number is a multiple of 4.
+    precision : {"float32", "float64"}
+
+    Returns
+    -------
+    FrameLayers
+
+    Raises
+    ------
+    ConfigurationError
+        The antenna stands so far away that the rings would not fit into memory.
+    """
+    rows, cols = scene.shape
+    cell = scene.cell_m
+    corner = math.hypot(0.5 * cols * cell + abs(east_m), 0.5 * rows * cell + abs(north_m))
+    rings = max(math.ceil(corner / cell), 1)
+    pixels = pixels_around(beamwidth_rad)
+    wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
+    columns = (pixels + 2) * wide
+    if rings * columns > _MOST_CELLS:
+        text = f"the farthest corner of the scene is {corner:.0f} m away: {rings} rings of {columns} cells"
+        remedy = f"Move the antenna closer, or coarsen the scene: at most {_MOST_CELLS} cells are possible"
+        raise ConfigurationError(Problem(text, remedy, field="antenna_east_m", value=east_m))
+    step = 2.0 * math.pi / (pixels * wide)
+    bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step
+    _, mean, peak = known_heights(scene)
+    elevation = np.empty((rings, columns), dtype=precision)
+    cover = np.empty(elevation.shape, dtype=np.uint8)
+    field = np.empty(elevation.shape, dtype=np.int32)
+    # Some rings at a time: whole arrays of positions would take many times the memory of the layers.
+    for part in strips(rings, columns):
+        radius = np.arange(part.start + 1.0, part.stop + 1.0)[:, None]
+        col = 0.5 * (cols - 1) + east_m / cell + radius * np.sin(bearing)
+        row = 0.5 * (rows - 1) - north_m / cell - radius * np.cos(bearing)
+        height, kind, field[part] = _sampled(scene, row, col)
+        elevation[part] = height - mean
+        cover[part] = np.where(np.isnan(height), np.uint8(NO_COVER), kind)
+    if np.isnan(elevation).any() and not np.isnan(elevation).all():
+        fill_gaps(elevation)
+    place = np.empty((rows, cols), dtype=np.int64)
+    east = (np.arange(cols) - 0.5 * (cols - 1)) - east_m / cell
+    for k in range(rows):
+        north = (0.5 * (rows - 1) - k) - north_m / cell
+        ring = np.clip(np.rint(np.hypot(east, north)).astype(np.int64) - 1, 0, rings - 1)
+        column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) / step).astype(np.int64)
+        place[k] = ring * columns + wide + np.minimum(column, pixels * wide - 1)
+    more = {"mean_m": mean, "peak_m": peak, "quarter_turns": 0, "cell_of_scene": place, "wrapped": wide}
+    return _layers(elevation, cover, field, **more)
+
+
+def pixels_around(beamwidth_rad: float) -> int:
+    """Number of pixels around, each about a beamwidth: a multiple of 4."""
+    return max(4 * round(0.5 * math.pi / beamwidth_rad), 4)
+
+
+def _sampled(scene: Scene, row: FloatArray, col: FloatArray) -> tuple[FloatArray, AnyArray, AnyArray]:
+    """Elevation [m] by straight lines, category and field by the nearest cell; nan and no category beyond the scene."""
+    rows, cols = scene.shape
+    inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
+    i = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64)
+    j = np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
+    elevation = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
+    return elevation, np.where(inside, scene.cover[i, j], np.uint8(NO_COVER)), scene.field_id[i, j]
+
+
+def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
+    """Values of a layer between its cells by straight lines; held at the edges, beside nan the nearest cell's."""
+    rows, cols = layer.shape
+    r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
+    i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
+    fr, fc = r - i, c - j
+    down, right = np.minimum(i + 1, rows - 1), np.minimum(j + 1, cols - 1)
+    upper = (1.0 - fc) * layer[i, j] + fc * layer[i, right]
+    lower = (1.0 - fc) * layer[down, j] + fc * layer[down, right]
+    out = (1.0 - fr) * upper + fr * lower
+    beside = np.isnan(out)
+    if beside.any():
+        # A cell beside a hole keeps what is known of it.
+        nearest = layer[np.rint(r).astype(np.int64), np.rint(c).astype(np.int64)]
+        out = np.where(beside, nearest, out)
+    return np.asarray(out)

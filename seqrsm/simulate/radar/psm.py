@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.rng import stream_key
 from seqrsm.scene.layers import categories_of_fields
-from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.cell import spread
@@ -37,7 +37,6 @@ from seqrsm.simulate.radar.occasion import (
 from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.registration import pixels_of_cells, state_of_cells
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.radar.row_law import row_law
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.soil import known_moisture
 from seqrsm.simulate.threads import block, in_threads
@@ -130,51 +129,30 @@ def _form_image(
     threads: int,
 ) -> RadarImage:
     """Phase two: resolution cells, receiver noise, fading and receiver."""
-    law = row_law(frame, radar, grid)
-    m = sums.shape[2]
+    n = grid.n_bins
+    # The last entry is the centre of the swath.
+    flat = range_geometry(_places(frame, radar, grid), frame.height_m, frame.curved)
+    incidence = flat.incidence_rad
+    calibration = radar.received_power_w(1.0, incidence, flat.slant_range_m, incidence - flat.turn_rad)
+    slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
+    looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
     cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
-    n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
-    mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
-
-    is_box = radar.cell_shape == "box"
-    beam_cells = law.beam_cells if is_box else np.zeros(grid.n_bins)
-
-    def average(k: int) -> None:
-        c, rows = block(k, grid.n_bins, threads)
-        kernels.average_azimuth(sums[c, rows], beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
-
-    in_threads(average, threads * len(mean), threads)
-    if frame.wrapped:
-        n_pixels -= 2
-        mean = np.ascontiguousarray(mean[:, :, 1:-1])
-    smeared = int((law.range_width > 1.0).sum())
-    if not is_box:
-        mean = spread(mean, radar.cell_shape, law.range_width, law.beam_cells / cells_a_pixel)
-    elif smeared:
-        kernels.smear_range(mean, law.range_width)
-    looks, noise = law.looks, law.noise_w
+    mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), cells_a_pixel, threads)
     power = _faded(mean, noise, looks, radar, speckle, threads)
-    ground: dict[str, Any] = {
-        "ground_format": radar.range_format == "ground",
-        "scene_shape": scene.shape,
-        "n_categories": len(scene.categories),
-    }
     return RadarImage(
-        intensity=received(power, radar, law.reference_w),
+        intensity=received(power, radar, float(calibration[n])),
         mean_power=mean,
         noise_power_w=noise,
         looks=looks,
-        calibration_w=law.calibration_w,
-        noise_equivalent_sigma0=noise / law.calibration_w,
-        slant_range_m=law.slant_range_m,
-        ground_range_m=law.ground_range_m,
-        incidence_angle_deg=np.rad2deg(law.incidence_rad),
+        calibration_w=calibration[:n],
+        noise_equivalent_sigma0=noise / calibration[:n],
+        slant_range_m=slant,
+        ground_range_m=ground_range,
+        incidence_angle_deg=np.rad2deg(theta),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
-        registration=cache(
-            partial(pixels_of_cells, frame, grid, cells_a_pixel=cells_a_pixel, n_azimuth=n_pixels, **ground)
-        ),
-        state=cache(partial(state_of_cells, frame, grid, **ground)),
+        registration=cache(partial(pixels_of_cells, scene, radar, frame, grid, cells_a_pixel, mean.shape[2])),
+        state=cache(partial(state_of_cells, scene, radar, frame, grid)),
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,
@@ -182,6 +160,71 @@ def _form_image(
         scene_shape=scene.shape,
         notes=(*notes, *_engine_notes(radar, looks, smeared, frame)),
     )
+
+
+def _places(frame: RadarFrame, radar: RadarConfiguration, grid: EchoGrid) -> FloatArray:
+    """Ground range of the middle of every image row on flat ground, and of the centre of the swath [m]."""
+    out = np.empty(grid.n_bins + 1)
+    position = (grid.first + 0.5 + np.arange(grid.n_bins)) * radar.range_spacing_m
+    if radar.range_format == "ground":
+        ground = frame.near_edge_m + position
+    else:
+        edge = range_geometry(np.array([frame.near_edge_m]), frame.height_m, frame.curved)
+        ground = ground_range_of_slant(edge.slant_range_m[0] + position, frame.height_m, frame.curved)
+    # Rows before the nadir echo exist only where terrain is displaced there; they take the angle of the innermost cell.
+    np.maximum(ground, 0.5 * min(frame.cell_m, frame.near_edge_m), out=out[:-1])
+    out[-1] = frame.centre_m
+    return out
+
+
+def _mean_power(
+    sums: AnyArray,
+    radar: RadarConfiguration,
+    frame: RadarFrame,
+    grid: EchoGrid,
+    flat: tuple[FloatArray, FloatArray, FloatArray],
+    cells_a_pixel: float,
+    threads: int,
+) -> tuple[AnyArray, int]:
+    """Mean power of the ground in each pixel [W], and how many rows are finer than the range response.
+
+    ``flat``: slant range [m], incidence [rad] and ground range [m] of flat ground in each row.
+    """
+    slant, theta, ground_range = flat
+    n, m = grid.n_bins, sums.shape[2]
+    across, along = np.asarray(radar.ground_resolution_m(theta)), radar.azimuth_resolution_m(slant)
+    # Ground range of one bin on flat ground, so that the sum over a bin becomes that of one single-look cell.
+    bin_ground = radar.range_spacing_m / (1.0 if radar.range_format == "ground" else np.sin(theta))
+    constant = radar.radar_constant_w_m2() / grid.reference_range_m**4
+    beam = np.full(n, radar.resolution_m if radar.finer_pixels else 0.0)
+    if radar.aperture == "real":
+        beam = np.maximum(beam, along)
+    # Power of a resolution cell over a bin's sum [W]; width of the azimuth average before pixels are taken [cells].
+    factor, beam = constant * (across * along) * frame.cell_m / bin_ground, beam / frame.cell_m
+    if frame.column_m is not None:
+        # Columns of one angle: a beam is as many of them on every ring.
+        column_m = ground_range * (frame.column_m[-1] / frame.ground_range_m[-1])
+        factor *= frame.cell_m / column_m
+        beam = np.full(n, radar.azimuth_beamwidth_rad * frame.ground_range_m[-1] / frame.column_m[-1])
+    width = (np.maximum(across, radar.resolution_m) if radar.finer_pixels else across) / bin_ground
+    n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
+    mean = np.empty((sums.shape[0], n, n_pixels), dtype=sums.dtype)
+    is_box = radar.cell_shape == "box"
+    boxed = beam if is_box else np.zeros(n)
+
+    def average(k: int) -> None:
+        c, rows = block(k, n, threads)
+        kernels.average_azimuth(sums[c, rows], boxed[rows], cells_a_pixel, factor[rows], mean[c, rows])
+
+    in_threads(average, threads * len(mean), threads)
+    if frame.wrapped:
+        mean = np.ascontiguousarray(mean[:, :, 1:-1])
+    smeared = int((width > 1.0).sum())
+    if not is_box:
+        mean = spread(mean, radar.cell_shape, width, beam / cells_a_pixel)
+    elif smeared:
+        kernels.smear_range(mean, width)
+    return mean, smeared
 
 
 def _faded(

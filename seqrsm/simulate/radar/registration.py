@@ -5,37 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from seqrsm.arrays import AnyArray
+from seqrsm.scene.scene import Scene
+from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import EchoGrid
 from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 
 
 def pixels_of_cells(
-    frame: RadarFrame,
-    grid: EchoGrid,
-    *,
-    ground_format: bool,
-    cells_a_pixel: float,
-    n_azimuth: int,
-    scene_shape: tuple[int, int],
-    n_categories: int,
+    scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid, cells_a_pixel: float, n_azimuth: int
 ) -> AnyArray:
     """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
 
     Parameters
     ----------
+    scene : Scene
+    radar : RadarConfiguration
     frame : RadarFrame
     grid : EchoGrid
-    ground_format : bool
-        Range format of the image.
     cells_a_pixel : float
         Azimuth cells in a pixel.
     n_azimuth : int
         Columns of pixels.
-    scene_shape : tuple of int
-        Rows and columns of the scene.
-    n_categories : int
-        Categories of the scene; the first number that is none.
 
     Returns
     -------
@@ -52,32 +43,25 @@ def pixels_of_cells(
     kernels.register_cells(
         frame.elevation_m[rows],
         frame.cover[rows],
-        n_categories,
+        len(scene.categories),
         grid.geometry[own],
         grid.base[1:-1][own],
-        ground_format,
+        radar.range_format == "ground",
         grid.first,
         cells_a_pixel,
         (grid.n_bins, width),
         pixel[rows],
     )
-    pixel = to_scene(pixel, frame, scene_shape, -1)
+    pixel = to_scene(pixel, frame, scene.shape, -1)
     if repeated:
         row, column = np.divmod(pixel, width)
         pixel = np.where(pixel < 0, pixel, row * n_azimuth + column - repeated)
     return pixel
 
 
-def state_of_cells(
-    frame: RadarFrame, grid: EchoGrid, *, ground_format: bool, scene_shape: tuple[int, int], n_categories: int
-) -> AnyArray:
-    """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols).
-
-    Parameters
-    ----------
-    frame, grid, ground_format, scene_shape, n_categories
-        As in `pixels_of_cells`.
-    """
+def state_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
+    """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols)."""
+    n_categories = len(scene.categories)
     shape = (len(frame.source), frame.elevation_m.shape[1])
     dtype = frame.elevation_m.dtype
     offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
@@ -90,7 +74,7 @@ def state_of_cells(
         frame.field,
         grid.geometry,
         grid.rows.astype(dtype),
-        ground_format,
+        radar.range_format == "ground",
         np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
         n_categories,
         np.empty((0, 0), dtype=dtype),
@@ -109,4 +93,4 @@ def state_of_cells(
     first = int(frame.source[frame.pad_near])
     whole = np.full(frame.elevation_m.shape, kernels.NO_DATA, dtype=np.uint8)
     whole[first : first + frame.n_rows] = state[own]
-    return to_scene(whole, frame, scene_shape, kernels.NO_DATA)
+    return to_scene(whole, frame, scene.shape, kernels.NO_DATA)
