@@ -6,6 +6,7 @@ NIST SP 961). Derived values are computed from them here and nowhere else.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 SPEED_OF_LIGHT_M_S: Final = 299_792_458.0
@@ -30,6 +31,6 @@ EARTH_GM_M3_S2: Final = 3.986_004_418e14
 """Gravitational constant times mass of the Earth [m3/s2] (IERS Conventions 2010, Table 1.1)."""
 
 
-def wavenumber_rad_m(frequency_hz: float) -> float:
-    """Wavenumber in vacuum [rad/m] at ``frequency_hz`` [Hz]."""
-    return 2.0 * 3.141592653589793 * frequency_hz / SPEED_OF_LIGHT_M_S
+def wavenumber_rad_m(frequency_ghz: float) -> float:
+    """Wavenumber in vacuum [rad/m] at a frequency [GHz]."""
+    return 2.0 * math.pi * (frequency_ghz * 1e9) / SPEED_OF_LIGHT_M_S

@@ -1,4 +1,4 @@
-"""The package's only unit conversions: decibel, gigahertz, degrees, and units of one kind.
+"""The package's only unit conversions: decibel, and units of one kind.
 
 Inside the package every float is in the unit its name's suffix tells; conversions happen at the border, here.
 """
@@ -38,21 +38,6 @@ def linear_to_db(value: float | FloatArray) -> float | FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         result = 10.0 * np.log10(np.asarray(value, dtype=np.float64))
     return float(result) if np.ndim(value) == 0 else np.asarray(result)
-
-
-def ghz_to_hz(frequency_ghz: float) -> float:
-    """Frequency [Hz] of ``frequency_ghz`` [GHz]."""
-    return frequency_ghz * 1e9
-
-
-@overload
-def deg_to_rad(angle_deg: float) -> float: ...
-@overload
-def deg_to_rad(angle_deg: FloatArray) -> FloatArray: ...
-def deg_to_rad(angle_deg: float | FloatArray) -> float | FloatArray:
-    """Angle [rad] of ``angle_deg`` [deg]."""
-    result = np.deg2rad(np.asarray(angle_deg, dtype=np.float64))
-    return float(result) if np.ndim(angle_deg) == 0 else np.asarray(result)
 
 
 _KINDS: Final[Sequence[Mapping[str, float]]] = (

@@ -25,7 +25,7 @@ from seqrsm.scattering.models import (
     reflectivity_fresnel,
 )
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, Row, read_rows
-from seqrsm.units import db_to_linear, deg_to_rad, ghz_to_hz, linear_to_db
+from seqrsm.units import db_to_linear, linear_to_db
 
 THETA_DEG: Final[FloatArray] = np.arange(91.0)
 """Incidence angles of every table [deg]."""
@@ -44,7 +44,7 @@ Statuses: TypeAlias = tuple[tuple[str, ...], ...]
 
 _COMPUTED: Final[Statuses] = (("computed",) * 3,) * len(_MODEL_NODES_GHZ)
 _OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 70.0)
-_THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
+_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,8 +143,8 @@ def moisture_change_db(frequency_ghz: float, rms_height_m: float, moisture: floa
     Moisture, roughness and angle are held at the edges of the model's range (0.04 to 0.291, ks 0.13 to 6.98, 10 to 70
     degrees).
     """
-    ks = float(np.clip(wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * rms_height_m, *_OH04_KS))
-    theta = deg_to_rad(np.clip(THETA_DEG, *_OH04_THETA_DEG))
+    ks = float(np.clip(wavenumber_rad_m(frequency_ghz) * rms_height_m, *_OH04_KS))
+    theta = np.deg2rad(np.clip(THETA_DEG, *_OH04_THETA_DEG))
     wet = backscatter_oh04(float(np.clip(moisture, *_OH04_MOISTURE)), ks, theta)
     dry = backscatter_oh04(float(np.clip(reference, *_OH04_MOISTURE)), ks, theta)
     return linear_to_db(np.stack(wet) / np.stack(dry))
@@ -319,7 +319,7 @@ def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
 
 def _soil_curve(row: Row, own: _Parameters) -> Curve:
     """Bare soil by Oh 2004, held beyond the last angle of its range."""
-    theta = deg_to_rad(np.minimum(THETA_DEG, _OH04_THETA_DEG[1]))
+    theta = np.deg2rad(np.minimum(THETA_DEG, _OH04_THETA_DEG[1]))
     mv = own.get("reference_moisture")
     value = [_db(backscatter_oh04(mv, _ks(frequency, own), theta)) for frequency in _MODEL_NODES_GHZ]
     return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, soil=own, notes=(own.note(),), status=_COMPUTED)
@@ -423,7 +423,7 @@ def _gamma_curve(row: Row, own: _Parameters) -> Curve:
 
 
 def _ks(frequency_ghz: float, own: _Parameters) -> float:
-    return wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * own.get("rms_height_m")
+    return wavenumber_rad_m(frequency_ghz) * own.get("rms_height_m")
 
 
 def _db(backscatter: Backscatter) -> FloatArray:

@@ -17,11 +17,11 @@ from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, at_nodes, limit
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_wet_snow_hallikainen86
 from seqrsm.scattering.models import backscatter_oh92, backscatter_ulaby89_db, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, Row, read_rows
-from seqrsm.units import db_to_linear, deg_to_rad, ghz_to_hz, linear_to_db
+from seqrsm.units import db_to_linear, linear_to_db
 
 Snow = Literal["none", "dry", "wet"]
 
-_THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))
+_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))
 _SOIL: Final = "Bareground"
 _SOIL_RMS_M, _ICE_RMS_M = 0.01, 0.003
 _MOISTURE: Final = 0.2
@@ -44,9 +44,9 @@ def seasonal_curves(curves: Mapping[tuple[str, str], Curve]) -> dict[tuple[str, 
 
 def frozen_change_db(frequency_ghz: float) -> FloatArray:
     """Change of bare soil by freezing, float64 (3, 91) [dB]: Oh 1992 at both permittivities and the same roughness."""
-    ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _SOIL_RMS_M
+    ks = wavenumber_rad_m(frequency_ghz) * _SOIL_RMS_M
     moist = complex(permittivity_soil(frequency_ghz, _MOISTURE))
-    theta = deg_to_rad(np.clip(THETA_DEG, 10.0, 70.0))
+    theta = np.deg2rad(np.clip(THETA_DEG, 10.0, 70.0))
     frozen, thawed = (np.stack(backscatter_oh92(p, ks, theta)) for p in (_FROZEN, moist))
     return linear_to_db(frozen / thawed)
 
@@ -92,7 +92,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
 
 def _ice_db(frequency_ghz: float) -> FloatArray:
     """Lake ice (3, 91) [dB]."""
-    ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _ICE_RMS_M
+    ks = wavenumber_rad_m(frequency_ghz) * _ICE_RMS_M
     return np.maximum(linear_to_db(np.stack(backscatter_oh92(_ICE, ks, _THETA))), FLOOR_DB)
 
 
@@ -155,7 +155,7 @@ def under_snow(value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: 
         note = f"under {100 * depth_m:g} cm of dry snow (computed: snow_iba; grain size assumed)"
         return np.maximum(linear_to_db(total), FLOOR_DB), note
     eps = complex(permittivity_wet_snow_hallikainen86(frequency_ghz, _WET_SNOW_DENSITY, _WET_SNOW_PERCENT))
-    absorption = 2.0 * wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * np.sqrt(eps).imag
+    absorption = 2.0 * wavenumber_rad_m(frequency_ghz) * np.sqrt(eps).imag
     inside = np.sqrt(1.0 - np.sin(_THETA) ** 2 / eps.real)
     two_way = np.exp(-2.0 * absorption * depth_m / inside)
     total = ground * two_way + db_to_linear(_wet_snow_db(frequency_ghz)) * (1.0 - two_way)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -75,9 +75,6 @@ UTILITIES: Final = _table()
 OF_THE_USER: Final = Utility(several=True, engines=("psm", "prm"))
 """What is known of a function of the user's own."""
 
-FORMER: Final = {"retrieval_error": "soil_moisture_error"}
-"""Names of earlier versions."""
-
 
 @dataclass(frozen=True, slots=True)
 class Asked:
@@ -119,7 +116,10 @@ def asked_for(text: str) -> Asked:
     name, _, covers = rest.partition(" of ")
     named = tuple(part.strip() for part in covers.split(",") if part.strip())
     if name not in UTILITIES:
-        raise ValueError(f"no utility is called {name!r}; {_suggestion(name, tuple(UTILITIES), FORMER)}")
+        near = difflib.get_close_matches(name, UTILITIES, n=1)
+        own = 'or name your own function, "package.module:function"'
+        hint = f'did you mean "{near[0]}"?' if near else f"use {', '.join(UTILITIES)}, {own}"
+        raise ValueError(f"no utility is called {name!r}; {hint}")
     row = UTILITIES[name]
     if (by or classifier) and not row.classifies:
         raise ValueError(f'"{name}" does not classify: leave "{text[len(rest) :]}" out')
@@ -134,14 +134,6 @@ def asked_for(text: str) -> Asked:
     if row.of_covers and not named:
         raise ValueError(f'"{name}" applies to named covers: write "{name} of" and their names, as in the scene')
     return Asked(name, named, by or "pixel", classifier or "gaussian")
-
-
-def _suggestion(name: str, known: Sequence[str], former: Mapping[str, str]) -> str:
-    if name in former:
-        return f'it is "{former[name]}" now'
-    near = difflib.get_close_matches(name, known, n=1)
-    own = 'or name your own function, "package.module:function"'
-    return f'did you mean "{near[0]}"?' if near else f"use {', '.join(known)}, {own}"
 
 
 def utility_of(text: str) -> Utility:

@@ -47,7 +47,6 @@ def test_a_utility_is_asked_for_in_words() -> None:
     ("text", "told"),
     [
         ("percent_corect", 'did you mean "percent_correct"'),
-        ("retrieval_error", 'it is "soil_moisture_error" now'),
         ("joy", "your own function"),
         ("f1", "applies to named covers"),
         ("kappa of Corn", "applies to all covers"),
