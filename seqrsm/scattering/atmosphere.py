@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -18,13 +17,9 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import COSMIC_BACKGROUND_K
-from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
-from seqrsm.scattering.readers import DATA, Row, read_rows
+from seqrsm.scattering.readers import numbers_of, shipped_rows
 from seqrsm.units import LN10_OVER_10
-
-ATMOSPHERES: Final = ("us_standard", "midlatitude_summer", "midlatitude_winter", "none")
-WEATHERS: Final = ("clear", "cloud", "rain")
 
 _PREFIX: Final = {"us_standard": "USstd", "midlatitude_summer": "MLS", "midlatitude_winter": "MLW"}
 # Air temperature at the ground of the model atmospheres [K]; their lapse rate [K/km] follows from the nodes' mean
@@ -138,34 +133,15 @@ def make_atmosphere(
     Returns
     -------
     Atmosphere
-
-    Raises
-    ------
-    ScatteringDataError
-        The frequency lies outside the nodes, or a name or amount is impossible.
     """
-    problems = [
-        Problem("unknown", f"Known: {', '.join(known)}", field=field, value=value)
-        for field, value, known in (("atmosphere", atmosphere, ATMOSPHERES), ("weather", weather, WEATHERS))
-        if value not in known
-    ]
-    nodes = zenith_nodes()
-    low, high = float(nodes["frequency_ghz"][0]), float(nodes["frequency_ghz"][-1])
-    if not low <= frequency_ghz <= high:
-        remedy = f"Stay within {low:g} to {high:g} GHz"
-        problems.append(Problem("outside the atmosphere's table", remedy, field="frequency", value=frequency_ghz))
-    problems += [
-        Problem("must not be negative", "", field=field, value=value)
-        for field, value in (("cloud_kg_m2", cloud_kg_m2), ("rain_mm_h", rain_mm_h))
-        if not value >= 0.0
-    ]
-    if problems:
-        raise ScatteringDataError(*problems)
     space = float(radiation_equivalent_k(COSMIC_BACKGROUND_K, planck_offset_k))
     if atmosphere == "none":
         return Atmosphere(np.zeros(1), np.zeros(1), np.array([0.0, _TOP_KM]), space, ("no atmosphere",))
     prefix = _PREFIX[atmosphere]
-    dry, wet = (_at(nodes, f"{prefix}_{part}_db", frequency_ghz) for part in ("dry", "wet"))
+    nodes = numbers_of("atmosphere_nodes.csv", ("frequency_ghz", f"{prefix}_dry_db", f"{prefix}_wet_db"))
+    # The logarithm of the loss is linear in that of the frequency between nodes.
+    f, *losses = np.log(nodes).T
+    dry, wet = (float(np.exp(np.interp(math.log(frequency_ghz), f, loss))) for loss in losses)
     depth_db = dry * _exponential(_DRY_SCALE_KM) + wet * _exponential(_WET_SCALE_KM)
     notes = [
         f"atmosphere {atmosphere.replace('_', ' ')}, {weather}; zenith loss of its gases {dry + wet:.3g} dB at "
@@ -245,31 +221,9 @@ def _regression(x: float, coefficient: str, polarization: str) -> float:
     """Of log10 k, or of alpha, at x = log10(frequency / GHz)."""
     own = [
         row
-        for row in _rain_rows()
+        for row in shipped_rows("atmosphere_rain.csv")
         if (row.text("coefficient"), row.text("polarization")) == (coefficient, polarization)
     ]
     terms = [[float(row.text(name)) for name in "abc"] for row in own if row.text("part") == "term"]
     slope, constant = next((float(row.text("a")), float(row.text("b"))) for row in own if row.text("part") == "line")
     return sum(a * math.exp(-(((x - b) / c) ** 2)) for a, b, c in terms) + slope * x + constant
-
-
-@lru_cache(maxsize=1)
-def _rain_rows() -> list[Row]:
-    columns = ("coefficient", "polarization", "part", "a", "b", "c", "status", "source")
-    return read_rows(DATA / "atmosphere_rain.csv", columns)
-
-
-@lru_cache(maxsize=1)
-def zenith_nodes() -> dict[str, FloatArray]:
-    """The shipped table of nodes, columns by name."""
-    columns = ["frequency_ghz", "P676_13_dry_db", "P676_13_wet_db"]
-    for prefix in _PREFIX.values():
-        columns += [f"{prefix}_{part}" for part in ("dry_db", "wet_db", "tmr_k", "tsky_zenith_k")]
-    rows = read_rows(DATA / "atmosphere_nodes.csv", [*columns, "status", "source"])
-    return {column: np.array([float(row.text(column)) for row in rows]) for column in columns}
-
-
-def _at(nodes: dict[str, FloatArray], column: str, frequency_ghz: float) -> float:
-    """Loss at a frequency: logarithm linear in the logarithm of frequency between nodes."""
-    x = np.log(nodes["frequency_ghz"])
-    return float(np.exp(np.interp(math.log(frequency_ghz), x, np.log(nodes[column]))))

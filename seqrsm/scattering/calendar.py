@@ -27,7 +27,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.readers import DATA, Row, read_rows
+from seqrsm.scattering.readers import Row, shipped_rows
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -213,10 +213,6 @@ def _no_calendar(category: str, file: str) -> Problem:
 @lru_cache(maxsize=1)
 def fields_by_category() -> dict[str, Fields]:
     """What `data/calendar_fields.csv` holds."""
-    columns = (
-        "category", "group", "lasting_share_co", "lasting_share_cross", "memory_days_co", "memory_days_cross",
-        "shift_days", "level_water_kg_m2", "status", "source",
-    )  # fmt: skip
 
     def pair(row: Row, name: str) -> tuple[float, float]:
         return float(row.text(f"{name}_co")), float(row.text(f"{name}_cross"))
@@ -229,7 +225,7 @@ def fields_by_category() -> dict[str, Fields]:
             float(row.text("shift_days")),
             float(row.text("level_water_kg_m2") or "nan"),
         )
-        for row in read_rows(DATA / "calendar_fields.csv", columns)
+        for row in shipped_rows("calendar_fields.csv")
     }
 
 
@@ -262,7 +258,8 @@ def share_of_c(frequency_ghz: float) -> float:
 @lru_cache(maxsize=64)
 def _c_band_db(category: str, channel: str) -> FloatArray:
     """Course (365,) in C band [dB]: mean over sites, straight lines between the middles of the months."""
-    rows = [r for r in _months() if (r.text("category"), r.text("polarization")) == (category, channel)]
+    every = shipped_rows("calendar_c_band.csv")
+    rows = [r for r in every if (r.text("category"), r.text("polarization")) == (category, channel)]
     months = np.array([[float(r.text(f"month_{m}_db")) for m in range(1, 13)] for r in rows])
     own = months - months[:, _SUMMER].mean(axis=1, keepdims=True)
     source = np.array([r.text("source") for r in rows])
@@ -280,22 +277,10 @@ def _sd_db(group: str, frequency_ghz: float, cross: int) -> float:
     return float(np.interp(math.log(frequency_ghz), nodes, [_OTHER_SD_DB, at_c, _OTHER_SD_DB]))
 
 
-@lru_cache(maxsize=1)
-def _months() -> list[Row]:
-    months = [f"month_{m}_db" for m in range(1, 13)]
-    return read_rows(DATA / "calendar_c_band.csv", ("category", "cover", "polarization", *months, "status", "source"))
-
-
-@lru_cache(maxsize=1)
-def _canopy_rows() -> list[Row]:
-    columns = ("category", "day", "water_kg_m2", "cover_fraction", "status", "source")
-    return read_rows(DATA / "calendar_canopy.csv", columns)
-
-
 @lru_cache(maxsize=64)
 def _canopy(category: str) -> tuple[FloatArray, FloatArray]:
     """Water of the canopy [kg/m2] and share of the ground covered, (365,) each; bare where nothing is known."""
-    rows = [r for r in _canopy_rows() if r.text("category") == category]
+    rows = [r for r in shipped_rows("calendar_canopy.csv") if r.text("category") == category]
     if not rows:
         return np.zeros(DAYS.size), np.zeros(DAYS.size)
     day, water, cover = (np.array([float(r.text(n)) for r in rows]) for n in ("day", "water_kg_m2", "cover_fraction"))

@@ -24,7 +24,7 @@ from seqrsm.scattering.models import (
     backscatter_ulaby89_db,
     reflectivity_fresnel,
 )
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, Row, read_rows
+from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, numbers_of, shipped_rows
 from seqrsm.units import db_to_linear, linear_to_db
 
 THETA_DEG: Final[FloatArray] = np.arange(91.0)
@@ -178,17 +178,11 @@ class _Parameters:
 
 def shipped_curves() -> dict[tuple[str, str], Curve]:
     """Curves of the shipped categories by (category, season)."""
-    parameters = read_parameters()
-    regressions = read_rows(
-        DATA / "ulaby_dobson.csv",
-        ("class", "band", "frequency_ghz", "polarization", "p1", "p2", "p3", "p4", "p5", "p6", "status", "source"),
-    )
-    levels = read_rows(
-        DATA / "levels.csv",
-        ("category", "cover", "frequency_ghz", "polarization", "theta_deg", "sigma0_db", "status", "source"),
+    parameters, regressions, levels = (
+        shipped_rows(f"{name}.csv") for name in ("model_parameters", "ulaby_dobson", "levels")
     )
     curves: dict[tuple[str, str], Curve] = {}
-    for row in read_rows(DATA / "categories.csv", ("category", "season", "model", "base", "status", "source", "note")):
+    for row in shipped_rows("categories.csv"):
         category = row.text("category")
         own = _Parameters(tuple(p for p in parameters if p.text("category") == category))
         match row.text("model"):
@@ -227,12 +221,6 @@ def _statuses(rows: Sequence[Row], frequency_ghz: Sequence[float] | FloatArray) 
         tuple(weakest(r.text("status") for r in rows if fits(r, float(f), p)) for p in POLARIZATIONS)
         for f in frequency_ghz
     )
-
-
-def read_parameters() -> list[Row]:
-    """Rows of model_parameters.csv."""
-    columns = ("category", "parameter", "frequency_ghz", "polarization", "value", "unit", "status", "source")
-    return read_rows(DATA / "model_parameters.csv", columns)
 
 
 def _curve(
@@ -376,9 +364,7 @@ def _forest_curve(row: Row, own: _Parameters) -> Curve:
 
 def _water_curve(row: Row, own: _Parameters) -> Curve:
     """Composite water surface by wind, HV from the C-band function."""
-    columns = ("frequency_ghz", "wind_m_s", "theta_deg", "hh_db", "vv_db", "status", "source")
-    rows = read_rows(DATA / "water_composite_sigma0.csv", columns)
-    data = np.array([[float(r.text(name)) for name in columns[:5]] for r in rows])
+    data = numbers_of("water_composite_sigma0.csv", ("frequency_ghz", "wind_m_s", "theta_deg", "hh_db", "vv_db"))
     frequencies, winds = np.unique(data[:, 0]), np.unique(data[:, 1])
     value = np.full((winds.size, frequencies.size, 3, THETA_DEG.size), np.nan)
     for w, wind in enumerate(winds):
@@ -403,10 +389,7 @@ def _resampled(theta_deg: FloatArray, value_db: FloatArray) -> FloatArray:
 
 def _water_cross_db(wind_m_s: float) -> FloatArray:
     """HV of water [dB] at one wind: straight lines in log wind, and in angle with the end slopes going on."""
-    columns = ("frequency_ghz", "wind_m_s", "theta_deg", "hv_db", "status", "source")
-    data = np.array(
-        [[float(r.text(n)) for n in columns[1:4]] for r in read_rows(DATA / "water_cross_sigma0.csv", columns)]
-    )
+    data = numbers_of("water_cross_sigma0.csv", ("wind_m_s", "theta_deg", "hv_db"))
     winds, angles = np.unique(data[:, 0]), np.unique(data[:, 1])
     grid = data[np.lexsort((data[:, 1], data[:, 0])), 2].reshape(winds.size, angles.size)
     lower = int(np.clip(np.searchsorted(winds, wind_m_s, side="right") - 1, 0, winds.size - 2))

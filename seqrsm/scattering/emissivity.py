@@ -30,7 +30,7 @@ from seqrsm.scattering.emissivity_curves import (
 )
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, read_rows, unknown_cover
+from seqrsm.scattering.readers import DATA, shipped_rows, unknown_cover
 from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
@@ -363,8 +363,6 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
 @lru_cache(maxsize=1)
 def _shipped_table() -> EmissivityTable:
     curves, *_ = read_curves(DATA / "emissivity_table3.csv", printed=True)
-    columns = ("category", "ground", "permittivity", "roughness", "tau_20ghz", "omega", "tau_exponent", "rms_of_fit",
-               "heating", "status", "source")  # fmt: skip
     models = {
         row.text("category"): GroundModel(
             row.text("ground"),
@@ -376,15 +374,12 @@ def _shipped_table() -> EmissivityTable:
             float(row.text("heating")),
             f"{row.text('status')}: {row.text('source')}, rms {row.text('rms_of_fit')}",
         )
-        for row in read_rows(DATA / "emissivity_models.csv", columns)
+        for row in shipped_rows("emissivity_models.csv")
     }
     numbers = ("field_sd", "date_sd", "channel_correlation")
     spread = {
         row.text("category"): (float(row.text(numbers[0])), float(row.text(numbers[1])), float(row.text(numbers[2])))
-        for row in read_rows(DATA / "emissivity_variability.csv", ("category", *numbers, "status", "source"))
+        for row in shipped_rows("emissivity_variability.csv")
     }
-    mixes = {
-        row.text("category"): shares_of(row.text("mix"))
-        for row in read_rows(DATA / "emissivity_mixes.csv", ("category", "mix", "status", "source", "note"))
-    }
+    mixes = {row.text("category"): shares_of(row.text("mix")) for row in shipped_rows("emissivity_mixes.csv")}
     return EmissivityTable(curves, models, spread, mixes=mixes)

@@ -6,9 +6,13 @@ import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 
 STATUSES: Final = ("public", "public_code", "public_code_refit", "measured", "computed", "assumed")
@@ -125,6 +129,18 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     if problems:
         raise ScatteringDataError(*problems)
     return [Row(file, line, dict(zip(header, cells, strict=True))) for line, cells in lines[1:]]
+
+
+@cache
+def shipped_rows(name: str) -> tuple[Row, ...]:
+    """Rows of one of the package's own tables, read once."""
+    (_, header), *lines = _lines((DATA / name).read_text(encoding="utf-8"), name)
+    return tuple(Row(name, line, dict(zip(header, cells, strict=True))) for line, cells in lines)
+
+
+def numbers_of(name: str, columns: Sequence[str]) -> FloatArray:
+    """Numbers (n, columns) of one of the package's own tables."""
+    return np.array([[float(row.text(column)) for column in columns] for row in shipped_rows(name)])
 
 
 def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:

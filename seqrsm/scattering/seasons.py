@@ -16,7 +16,7 @@ from seqrsm.constants import wavenumber_rad_m
 from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, at_nodes, limit_db, weakest
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_wet_snow_hallikainen86
 from seqrsm.scattering.models import backscatter_oh92, backscatter_ulaby89_db, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, Row, read_rows
+from seqrsm.scattering.readers import POLARIZATIONS, Row, numbers_of, shipped_rows
 from seqrsm.units import db_to_linear, linear_to_db
 
 Snow = Literal["none", "dry", "wet"]
@@ -27,16 +27,12 @@ _SOIL_RMS_M, _ICE_RMS_M = 0.01, 0.003
 _MOISTURE: Final = 0.2
 _FROZEN, _ICE = 4.5 + 0.2j, 3.15 + 0.001j
 _WET_SNOW_PERCENT, _WET_SNOW_DENSITY = 3.0, 0.3
-_COLUMNS: Final = (
-    "category", "season", "model", "soil_share", "offset_hh_db", "offset_hv_db", "offset_vv_db", "status", "source",
-    "note",
-)  # fmt: skip
 
 
 def seasonal_curves(curves: Mapping[tuple[str, str], Curve]) -> dict[tuple[str, str], Curve]:
     """Curves of fall and winter by (category, season), made from those of spring and summer."""
     out = {}
-    for row in read_rows(DATA / "seasons.csv", _COLUMNS):
+    for row in shipped_rows("seasons.csv"):
         category, season = row.text("category"), row.text("season")
         out[category, season] = _season(row, curves[category, "spring_summer"], curves[_SOIL, "spring_summer"])
     return out
@@ -114,8 +110,7 @@ def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tupl
         Single scattering of a layer with refraction at its top; grains of 0.2 mm correlation length, 250 kg/m3
         (assumed). The volume's HV is negligible below Ka band.
     """
-    columns = ("frequency_ghz", "scattering_per_m", "absorption_per_m", "permittivity", "status", "source")
-    data = np.array([[float(r.text(n)) for n in columns[:4]] for r in read_rows(DATA / "snow_dry.csv", columns)])
+    data = numbers_of("snow_dry.csv", ("frequency_ghz", "scattering_per_m", "absorption_per_m", "permittivity"))
     at = np.log(frequency_ghz)
     ks, ka = (float(np.exp(np.interp(at, np.log(data[:, 0]), np.log(data[:, k])))) for k in (1, 2))
     eps = float(data[0, 3])
@@ -165,8 +160,7 @@ def under_snow(value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: 
 
 def _wet_snow_db(frequency_ghz: float) -> FloatArray:
     """Ulaby and Dobson's wet snow (3, 91) [dB], linear over log frequency between L, S, C, held beyond."""
-    columns = ("class", "band", "frequency_ghz", "polarization", *(f"p{k}" for k in range(1, 7)), "status", "source")
-    rows = read_rows(DATA / "snow_wet.csv", columns)
+    rows = shipped_rows("snow_wet.csv")
     nodes = sorted({float(r.text("frequency_ghz")) for r in rows})
     value = np.empty((len(nodes), len(POLARIZATIONS), THETA_DEG.size))
     for r in rows:

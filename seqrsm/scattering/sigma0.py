@@ -25,12 +25,11 @@ from seqrsm.scattering.curves import (
     Curve,
     limit_db,
     moisture_change_db,
-    read_parameters,
     shipped_curves,
     weakest,
 )
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, Row, read_rows, unknown_cover
+from seqrsm.scattering.readers import POLARIZATIONS, Row, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -409,10 +408,8 @@ def _variability_of(row: Row) -> Variability:
 @lru_cache(maxsize=1)
 def _shipped_table() -> Sigma0Table:
     """The shipped table, read once in a process."""
-    correlation = next(r for r in read_parameters() if r.text("parameter") == "channel_correlation")
-    columns = ("category", "polarization", "field_sd_db", "field_status", "field_source", "c_band_field_sd_db",
-               "c_band_status", "c_band_source", "date_sd_db", "date_status", "date_source")  # fmt: skip
-    rows = read_rows(DATA / "variability.csv", columns)
+    correlation = next(r for r in shipped_rows("model_parameters.csv") if r.text("parameter") == "channel_correlation")
+    rows = shipped_rows("variability.csv")
     variability = {(row.text("category"), row.text("polarization")): _variability_of(row) for row in rows}
     curves = shipped_curves()
     curves |= seasonal_curves(curves)

@@ -28,7 +28,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
-from seqrsm.scattering.readers import DATA, Row, read_rows
+from seqrsm.scattering.readers import shipped_rows
 
 _ALL, _KIN = 0.25, 0.25
 _OCTAVES: Final = 1.75
@@ -175,12 +175,6 @@ def _deviates(seed: int, number: int, name: str) -> FloatArray:
     return draws
 
 
-@lru_cache(maxsize=1)
-def _rows() -> list[Row]:
-    columns = ("quantity", "category", "status", "low_ghz", "high_ghz", "polarization", "mean_sd", "argument")
-    return read_rows(DATA / "mean_sd.csv", columns)
-
-
 @lru_cache(maxsize=4096)
 def default_mean_sd(quantity: str, category: str, status: str, frequency_ghz: float, channel: str) -> float:
     """Standard deviation of a row's mean by what it rests on: [dB] of sigma0, [1] of emissivity.
@@ -188,7 +182,7 @@ def default_mean_sd(quantity: str, category: str, status: str, frequency_ghz: fl
     The first row of `data/mean_sd.csv` that fits; an empty cell fits everything.
     """
     kind = "cross" if channel == "HV" else "co"
-    for row in _rows():
+    for row in shipped_rows("mean_sd.csv"):
         wanted = (("quantity", quantity), ("category", category), ("status", status), ("polarization", kind))
         low, high = float(row.text("low_ghz") or 0.0), float(row.text("high_ghz") or math.inf)
         if low <= frequency_ghz < high and all(row.text(name) in ("", value) for name, value in wanted):

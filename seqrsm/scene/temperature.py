@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray
-from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.terrain import slopes
 
 
@@ -165,12 +164,5 @@ def physical_temperature_k(
         Share of the heating of bare ground that the cover shows, 0 to 1; 1 everywhere in the report.
     low_k, high_k : float
         Of ground without sun, and of bare ground square to the sun [K].
-
-    Raises
-    ------
-    SceneError
-        ``low_k`` is not positive or above ``high_k``.
     """
-    if not 0.0 < low_k <= high_k:
-        raise SceneError(Problem("temperatures must rise from low to high", field="temperature", value=(low_k, high_k)))
     return np.asarray(low_k + np.asarray(heating) * np.asarray(exposure) * (high_k - low_k))

@@ -43,11 +43,8 @@ def test_rotatable_designs_have_the_same_variance_on_spheres(k, axial):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: full_factorial([]),
-        lambda: full_factorial([1, 2]),
         lambda: full_factorial([2] * 30),
         lambda: central_composite(1),
-        lambda: central_composite(3, "oblique"),
     ],
 )
 def test_impossible_designs_are_refused(make):

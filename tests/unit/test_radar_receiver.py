@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seqrsm.errors import ConfigurationError
 from seqrsm.simulate.radar.receiver import (
     film_density,
     greytone,
@@ -65,17 +64,3 @@ def test_levels_take_the_smallest_type():
     assert to_levels(np.array([300.0, np.nan])).tolist() == [255, 0]
     assert to_levels(np.array([4095.0]), 12).dtype == np.uint16
     assert to_levels(np.array([2.0**31]), 32).dtype == np.uint32
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: film_density(np.ones(2), gamma=0.0),
-        lambda: greytone(np.ones(2), 0.0, dynamic_range_db=0.0),
-        lambda: quantised_intensity(np.ones(2), -1.0),
-        lambda: least_intensity(0.0, 1.0),
-    ],
-)
-def test_impossible_constants_are_refused(call):
-    with pytest.raises(ConfigurationError, match="above zero"):
-        call()

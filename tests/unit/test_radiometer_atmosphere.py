@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from seqrsm.constants import COSMIC_BACKGROUND_K
-from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.atmosphere import (
     Atmosphere,
     _regression,
     cloud_db_per_kg_m2,
     make_atmosphere,
     rain_db_km,
-    zenith_nodes,
 )
+from seqrsm.scattering.readers import numbers_of, shipped_rows
+from seqrsm.sensor.parameters import RADIOMETER
 
-NODES = zenith_nodes()
+COLUMNS = [name for name in shipped_rows("atmosphere_nodes.csv")[0].cells if name not in ("status", "source")]
+NODES = dict(zip(COLUMNS, numbers_of("atmosphere_nodes.csv", COLUMNS).T, strict=True))
 MODELS = {"us_standard": "USstd", "midlatitude_summer": "MLS", "midlatitude_winter": "MLW"}
 
 
@@ -133,12 +134,11 @@ def test_weather_adds_loss_in_order():
     assert losses[2] - losses[1] == pytest.approx(3.0 * rain_db_km(30.0, 5.0))
 
 
-def test_what_cannot_be_is_told_together():
-    with pytest.raises(ScatteringDataError) as caught:
-        make_atmosphere(183.3, atmosphere="mars", weather="fog", rain_mm_h=-1.0)
-    assert len(caught.value.problems) == 4
-    with pytest.raises(ScatteringDataError, match=r"0\.4 to 170 GHz"):
-        make_atmosphere(170.1)
+def test_a_radiometer_is_asked_for_no_air_that_is_not_known():
+    limits = RADIOMETER["frequency"]
+    assert (limits.low, limits.high) == (NODES["frequency_ghz"][0], NODES["frequency_ghz"][-1])
+    assert set(RADIOMETER["atmosphere"].levels) == {*MODELS, "none"}
+    assert min(RADIOMETER[name].low for name in ("cloud_kg_m2", "rain_mm_h")) == 0.0
 
 
 def test_thick_air_shows_the_layer_nearest_to_the_observer():

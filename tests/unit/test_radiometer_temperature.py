@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seqrsm.errors import SceneError
 from seqrsm.scene.temperature import Sun, cast_shadow, physical_temperature_k, sun_exposure, sun_position, time_exposure
 from seqrsm.scene.terrain import fractal_terrain
 
@@ -97,8 +96,3 @@ def test_exposure_of_time_is_the_mean_over_the_hours_before():
     a, b = np.sin(np.deg2rad(35.0)) * np.sin(declination), np.cos(np.deg2rad(35.0)) * np.cos(declination)
     expected = a + b * np.sin(np.pi / 2.0) / (np.pi / 2.0)
     assert time_exposure(z, 10.0, hour=12.0, exposure_hours=6.0, **place)[0, 0] == pytest.approx(expected, rel=2e-3)
-
-
-def test_impossible_temperatures_are_refused():
-    with pytest.raises(SceneError):
-        physical_temperature_k(np.zeros(3), 1.0, 340.0, 300.0)

@@ -51,11 +51,15 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
     processing = named_function("processing", radar.processing) if radar.processing else None
     if stage is None and processing is None and radar.adc_bits == 0:
         return power_w
-    full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
-    converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
     out: AnyArray = np.asarray(power_w, dtype=np.float64)
-    for function in (stage, converter, processing):
-        out = out if function is None else function(out)
+    if stage is not None:
+        out = stage(out)
+    if radar.adc_bits:
+        # Uniform steps from 0 to full scale, the top held beyond.
+        full_scale, top = level * 10.0 ** (0.1 * radar.adc_range_db), 2.0**radar.adc_bits - 1.0
+        out = np.rint(np.clip(out / full_scale, 0.0, 1.0) * top) * (full_scale / top)
+    if processing is not None:
+        out = processing(out)
     return np.asarray(out, dtype=power_w.dtype)
 
 
@@ -124,12 +128,6 @@ def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | N
         case "agc":
             return lambda p: _automatic_gain(p, level_w, radar.agc_length_m / radar.pixel_spacing_m)
     return named_function("receiver", radar.receiver)
-
-
-def converter_function(n_bits: int, full_scale_w: float) -> Transfer:
-    """Q: uniform steps from 0 to full scale in ``2**n_bits`` levels, the top held beyond."""
-    top = 2.0**n_bits - 1.0
-    return lambda x: np.asarray(np.rint(np.clip(x / full_scale_w, 0.0, 1.0) * top) * (full_scale_w / top))
 
 
 def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatArray:
@@ -219,13 +217,7 @@ def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> 
     -------
     float array
         Of the type of `intensity_in`.
-
-    Raises
-    ------
-    ConfigurationError
-        `gamma` or `k` is not positive.
     """
-    _refuse_nonpositive(gamma=gamma, k=k)
     with np.errstate(divide="ignore"):
         density = np.asarray(np.log10(intensity_in))
     density *= gamma
@@ -259,13 +251,7 @@ def greytone(
     -------
     float64 array
         Round it with `to_levels` for an image.
-
-    Raises
-    ------
-    ConfigurationError
-        `n_bits` or `dynamic_range_db` is not positive.
     """
-    _refuse_nonpositive(n_bits=n_bits, dynamic_range_db=dynamic_range_db)
     top = 2.0**n_bits - 1.0
     tone = np.asarray(np.asarray(density) - calibration_density)
     tone *= top / (dynamic_range_db / 10.0)
@@ -293,27 +279,14 @@ def quantised_intensity(
     Returns
     -------
     float64 array
-
-    Raises
-    ------
-    ConfigurationError
-        `minimum`, `n_bits` or `dynamic_range_db` is not positive.
     """
-    _refuse_nonpositive(minimum=minimum, n_bits=n_bits, dynamic_range_db=dynamic_range_db)
     top = 2.0**n_bits - 1.0
     step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)
     return np.asarray(np.clip(step * (np.asarray(intensity_in, dtype=np.float64) / minimum - 1.0), 0.0, top))
 
 
 def least_intensity(calibration: float, level: float, n_bits: int = 8, dynamic_range_db: float = 20.0) -> float:
-    """I_MIN of `quantised_intensity` by which the intensity I_C, > 0, has the level I_QC: eq. (3-17).
-
-    Raises
-    ------
-    ConfigurationError
-        `calibration`, `n_bits` or `dynamic_range_db` is not positive.
-    """
-    _refuse_nonpositive(calibration=calibration, n_bits=n_bits, dynamic_range_db=dynamic_range_db)
+    """I_MIN of `quantised_intensity` by which the intensity I_C, > 0, has the level I_QC: eq. (3-17)."""
     return float(calibration / (level / (2.0**n_bits - 1.0) * (10.0 ** (dynamic_range_db / 10.0) - 1.0) + 1.0))
 
 
@@ -340,13 +313,3 @@ def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
 
 def _level_type(n_bits: int) -> type[np.unsignedinteger[Any]]:
     return np.uint8 if n_bits <= 8 else np.uint16 if n_bits <= 16 else np.uint32
-
-
-def _refuse_nonpositive(**values: float) -> None:
-    problems = [
-        Problem("must be above zero", "Give a positive number", field=name, value=value)
-        for name, value in values.items()
-        if not value > 0.0
-    ]
-    if problems:
-        raise ConfigurationError(*problems)
