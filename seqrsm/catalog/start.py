@@ -3,17 +3,23 @@
 Each printed value is one statement. The start range of a parameter reaches from the lowest to the highest printed
 number; inside it stands the part on which most statements agree, the prior knowledge of where the optimum lies.
 Equal prints of one table count once.
+
+Which utility that ships measures an application, or why none does, is in ``measures.csv``: patterns, the first of which
+that is found in the words counts; the utility as in ``campaign.toml``, and the engine that it needs or suits; or why
+there is none.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from math import inf
 
-from seqrsm.catalog.reader import load_catalog
+from seqrsm.catalog.reader import load_catalog, rows_of
 from seqrsm.catalog.search import entries_about, platforms_called, table_called, words_of
 from seqrsm.catalog.tables import Entry, Range
 from seqrsm.errors import Problem, UserError
@@ -308,3 +314,34 @@ def start_ranges(words: str, *, system: str = "active") -> StartRanges:
         only = best.pop() if len(best) == 1 else None
         ranges.append(_start_range("depression_angle", "deg", "linear", system, angles, only))
     return StartRanges(words, system, entries, tuple(ranges), _polarization(entries))
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """What an application is measured by.
+
+    Attributes
+    ----------
+    utility : str
+        As in ``campaign.toml``; "" where none that ships measures it.
+    engine : str
+        "psm" or "prm", which the utility needs or suits; "" without one.
+    says : str
+        Why there is none; "" where there is one.
+    """
+
+    utility: str
+    engine: str
+    says: str
+
+
+def measure_of(words: str) -> Measure:
+    """The measure of an application, from its words: the first row of ``measures.csv`` whose pattern is in them."""
+    text = words.lower()
+    return next(found for pattern, found in _measures() if pattern.search(text))
+
+
+@lru_cache(maxsize=1)
+def _measures() -> list[tuple[re.Pattern[str], Measure]]:
+    rows = rows_of("measures.csv")
+    return [(re.compile(row["pattern"]), Measure(row["utility"], row["engine"], row["says"])) for row in rows]

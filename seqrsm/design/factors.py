@@ -33,14 +33,9 @@ _LEVEL_TOLERANCE = 1e-6
 
 def _name_problems(name: object) -> list[Problem]:
     if not isinstance(name, str) or not _NAME.match(name) or len(name) > 64:
-        return [
-            Problem(
-                "a factor's name is not usable in constraints and term names",
-                "Use 1 to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name.",
-                field="name",
-                value=name,
-            )
-        ]
+        text = "a factor's name is not usable in constraints and term names"
+        remedy = "Use 1 to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name."
+        return [Problem(text, remedy, field="name", value=name)]
     if keyword.iskeyword(name) or name in FUNCTION_NAMES:
         return [Problem("a factor has a reserved name", "Choose another name.", field="name", value=name)]
     return []
@@ -50,14 +45,18 @@ def _scale_problems(name: str, scale: object, smallest: float) -> list[Problem]:
     if scale not in ("linear", "log"):
         return [Problem("unknown scale", 'Use "linear" or "log".', field=f"{name}.scale", value=scale)]
     if scale == "log" and smallest <= 0.0:
-        return [
-            Problem(
-                "a logarithmic factor must be positive throughout",
-                'Raise the lower end above 0 or use scale = "linear".',
-                field=name,
-                value=smallest,
-            )
-        ]
+        text, remedy = "a logarithmic factor must be positive throughout", "Raise the lower end above 0 or use"
+        return [Problem(text, f'{remedy} scale = "linear".', field=name, value=smallest)]
+    return []
+
+
+def _list_problems(field: str, listed: tuple[object, ...], what: str) -> list[Problem]:
+    """What makes a list of values or levels none of a factor."""
+    if len(listed) < 2:
+        remedy = "List two or more, or make it a fixed parameter."
+        return [Problem(f"a factor needs at least two {what}s", remedy, field=field, value=listed)]
+    if len(set(listed)) < len(listed):
+        return [Problem(f"a {what} is listed twice", "List each once.", field=field, value=listed)]
     return []
 
 
@@ -142,14 +141,8 @@ class ContinuousFactor:
         problems += broken
         if not broken:
             if not self.low < self.high or not math.isfinite(float(self.high) - float(self.low)):
-                problems.append(
-                    Problem(
-                        "the lower end is not below the upper end",
-                        "Give low < high.",
-                        field=self.name,
-                        value=(self.low, self.high),
-                    )
-                )
+                text, ends_given = "the lower end is not below the upper end", (self.low, self.high)
+                problems.append(Problem(text, "Give low < high.", field=self.name, value=ends_given))
             problems += _scale_problems(self.name, self.scale, float(self.low))
         if problems:
             raise RegionError(*problems)
@@ -202,19 +195,7 @@ class DiscreteFactor:
         problems += broken
         if not broken:
             values = tuple(sorted(float(v) for v in values))
-            if len(values) < 2:
-                problems.append(
-                    Problem(
-                        "a factor needs at least two values",
-                        "List two or more, or make it a fixed parameter.",
-                        field=f"{self.name}.values",
-                        value=values,
-                    )
-                )
-            elif len(set(values)) < len(values):
-                problems.append(
-                    Problem("a value is listed twice", "List each once.", field=f"{self.name}.values", value=values)
-                )
+            problems += _list_problems(f"{self.name}.values", values, "value")
             if values:
                 problems += _scale_problems(self.name, self.scale, values[0])
         if problems:
@@ -278,17 +259,7 @@ class CategoricalFactor:
             for level in levels
             if not isinstance(level, str) or not level or level != level.strip() or not level.isprintable()
         ]
-        if len(levels) < 2:
-            problems.append(
-                Problem(
-                    "a factor needs at least two levels",
-                    "List two or more, or make it a fixed parameter.",
-                    field=field,
-                    value=levels,
-                )
-            )
-        elif len(set(levels)) < len(levels):
-            problems.append(Problem("a level is listed twice", "List each once.", field=field, value=levels))
+        problems += _list_problems(field, levels, "level")
         if problems:
             raise RegionError(*problems)
         object.__setattr__(self, "levels", levels)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.descent import covariance, in_coordinates, lower
 from seqrsm.design.evaluate import largest_variance
+from seqrsm.design.exchange import covariance, in_coordinates, lower
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.progress import tell

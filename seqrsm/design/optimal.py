@@ -11,11 +11,10 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.evaluate import (
     inestimable_terms,
     largest_variance,
-    nearly_inestimable_terms,
+    region_moments,
 )
 from seqrsm.design.exchange import Task, search_candidates, search_region
 from seqrsm.design.minimax import search_minimax
-from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem
@@ -99,27 +98,20 @@ def optimal_design(
         lost = inestimable_terms(model, region.candidates(limit=2000))
         if lost:
             raise _coinciding(lost)
-    moments = region_moments(model, region)
     if criterion == "G":
-        return _minimax(model, region, n_runs, kept, moments, seed, starts)
-    weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
+        return _minimax(model, region, n_runs, kept, seed, starts)
+    weights = None if criterion == "D" else region_moments(model, region) if criterion == "I" else np.eye(model.p)
     searches = (_SEARCHES if model.p <= _FEW_TERMS else _MANY_SEARCHES) if starts is None else max(starts, 1)
     task = Task(n_runs, precision, weights)
     points, hits, made = search_region(model, region, task, searches, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
-    value = _value(model, region, np.vstack([kept, points]), criterion, moments)
+    value = _value(model, region, np.vstack([kept, points]), criterion, weights if criterion == "I" else None)
     return Design(points, value, hits, made, seed)
 
 
 def _minimax(
-    model: QuadraticModel,
-    region: Region,
-    n_runs: int,
-    fixed: FloatArray,
-    moments: FloatArray,
-    seed: int,
-    starts: int | None,
+    model: QuadraticModel, region: Region, n_runs: int, fixed: FloatArray, seed: int, starts: int | None
 ) -> Design:
     """G-optimal design, from random designs and a D-optimal one, which sometimes is G-optimal, too."""
     quick = _MINIMAX_STARTS if region.is_box else _MINIMAX_D_STARTS_CONSTRAINED
@@ -129,7 +121,7 @@ def _minimax(
     first = [start.points] + [region.sample(n_runs, rng) for _ in range(total - 1)]
     Z_fixed = model.matrix(fixed)
     points, hits = search_minimax(model, region, Z_fixed.T @ Z_fixed, first)
-    value = _value(model, region, np.vstack([fixed, points]), "G", moments)
+    value = _value(model, region, np.vstack([fixed, points]), "G")
     return Design(points, value, hits, total, seed)
 
 
@@ -203,21 +195,16 @@ def _check_counts(model: QuadraticModel, n_runs: int, criterion: str, fixed: Flo
     known = model.matrix(fixed)
     carried = int(np.linalg.matrix_rank(known.T @ known, hermitian=True))
     if carried + n_runs < model.p:
-        raise DesignError(
-            Problem(
-                f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs)",
-                f"Ask for at least {model.p - carried} runs, use order = 1, or fewer factors or levels.",
-                field="n_runs",
-                value=n_runs,
-            )
-        )
+        text = f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs)"
+        remedy = f"Ask for at least {model.p - carried} runs, use order = 1, or fewer factors or levels."
+        raise DesignError(Problem(text, remedy, field="n_runs", value=n_runs))
 
 
 def _singular(model: QuadraticModel, region: Region) -> DesignError:
     lost = inestimable_terms(model, region.candidates(limit=5000))
     if lost:
         return _coinciding(lost)
-    near = nearly_inestimable_terms(model, region.candidates(limit=5000))
+    near = inestimable_terms(model, region.candidates(limit=5000), 1e-3)
     if near:
         message = f"the region is so thin that these terms can hardly be separated from the others: {', '.join(near)}"
         return DesignError(Problem(message, "Relax the constraints, or replace factors that vary together by one."))
@@ -225,22 +212,17 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
 
 
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
-    return DesignError(
-        Problem(
-            f"no runs in the region can separate these terms from the others: {', '.join(terms)}",
-            "Relax the constraints or the levels, or omit the terms.",
-        )
-    )
+    text = f"no runs in the region can separate these terms from the others: {', '.join(terms)}"
+    return DesignError(Problem(text, "Relax the constraints or the levels, or omit the terms."))
 
 
 def _value(
-    model: QuadraticModel,
-    region: Region,
-    runs: FloatArray,
-    criterion: Criterion,
-    moments: FloatArray,
+    model: QuadraticModel, region: Region, runs: FloatArray, criterion: Criterion, weights: FloatArray | None = None
 ) -> float:
-    """Value of the criterion, from all runs (N, k) alone: nothing of the search's running values is trusted."""
+    """Value of the criterion, from all runs (N, k) alone: nothing of the search's running values is trusted.
+
+    ``weights``: of the criterion I.
+    """
     Z = model.matrix(runs)
     M = Z.T @ Z
     if criterion == "D":
@@ -248,4 +230,4 @@ def _value(
     inverse = np.asarray(np.linalg.inv(M), dtype=np.float64)
     if criterion == "G":
         return largest_variance(model, region, inverse)[0]
-    return float(np.sum(moments * inverse) if criterion == "I" else np.trace(inverse))
+    return float(np.trace(inverse) if weights is None else np.sum(weights * inverse))

@@ -216,7 +216,8 @@ def _products(factors: tuple[Factor, ...], places: tuple[range, ...], order: int
         return products
     for left, right in itertools.combinations(factors, 2):
         # The contrast comes first in the name: "polarization[VV]:frequency".
-        a, b = (right, left) if _comes_second(left, right) else (left, right)
+        swapped = isinstance(right, CategoricalFactor) and not isinstance(left, CategoricalFactor)
+        a, b = (right, left) if swapped else (left, right)
         products += [
             (Term(f"{name_a}:{name_b}", "interaction", (a.name, b.name)), i, j)
             for name_a, i in columns[a.name]
@@ -227,10 +228,6 @@ def _products(factors: tuple[Factor, ...], places: tuple[range, ...], order: int
             i = columns[factor.name][0][1]
             products.append((Term(f"{factor.name}^2", "square", (factor.name,)), i, i))
     return products
-
-
-def _comes_second(left: Factor, right: Factor) -> bool:
-    return isinstance(right, CategoricalFactor) and not isinstance(left, CategoricalFactor)
 
 
 def _moments(factor: Factor) -> FloatArray:

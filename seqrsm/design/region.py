@@ -39,10 +39,9 @@ def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constr
             Problem("a name is not a factor", f"The factors are {', '.join(names)}.", field=place, value=name)
             for name in sorted(constraint.names - by_name.keys())
         ]
+        text = "a categorical factor stands where a number is needed"
         problems += [
-            Problem(
-                "a categorical factor stands where a number is needed", "Use ==, != or in.", field=place, value=name
-            )
+            Problem(text, "Use ==, != or in.", field=place, value=name)
             for name in sorted(constraint.numeric_names)
             if isinstance(by_name.get(name), CategoricalFactor)
         ]
@@ -56,11 +55,8 @@ def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constr
                     if label not in factor.levels
                 ]
             elif factor is not None:
-                problems.append(
-                    Problem(
-                        "==, !=, in and count are for categorical factors", "Use <= or >=.", field=place, value=name
-                    )
-                )
+                text = "==, !=, in and count are for categorical factors"
+                problems.append(Problem(text, "Use <= or >=.", field=place, value=name))
     return problems
 
 
@@ -95,19 +91,13 @@ class Region:
         anchors = np.empty((0, self.k)) if self.is_box else search.feasible_anchors(self.axes, self.slacks)
         if not self.is_box and anchors.shape[0] == 0:
             conflict = search.conflicting(self.axes, self.slacks, len(self.constraints))
-            raise RegionError(
-                *(
-                    Problem(
-                        "no setting of the factors satisfies this constraint"
-                        if len(conflict) == 1
-                        else "no setting of the factors satisfies these constraints together",
-                        "Widen a factor's range or relax the constraint.",
-                        field="constraint",
-                        value=self.constraints[index].expr,
-                    )
-                    for index in conflict
-                )
+            which = "this constraint" if len(conflict) == 1 else "these constraints together"
+            text, remedy = (
+                f"no setting of the factors satisfies {which}",
+                "Widen a factor's range or relax the constraint.",
             )
+            written = [self.constraints[index].expr for index in conflict]
+            raise RegionError(*(Problem(text, remedy, field="constraint", value=expr) for expr in written))
         object.__setattr__(self, "anchors", anchors)
 
     @property

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from seqrsm.arrays import FloatArray
+from seqrsm.design.evaluate import region_moments
 from seqrsm.design.factors import CategoricalFactor
-from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import NormalInverseGamma

@@ -134,13 +134,8 @@ def _layer_problems(scene: Scene) -> list[Problem]:
                 Problem(f"the layer must be of type {np.dtype(dtype).name}", remedy, field=name, value=str(got))
             )
         if np.shape(layer) != shape:
-            problems.append(
-                Problem(
-                    f"layers differ in size: {name} is {_size(np.shape(layer))}, elevation_m is {_size(shape)}",
-                    "Resample all layers to one grid",
-                    field=name,
-                )
-            )
+            text = f"layers differ in size: {name} is {_size(np.shape(layer))}, elevation_m is {_size(shape)}"
+            problems.append(Problem(text, "Resample all layers to one grid", field=name))
     return problems
 
 

@@ -20,7 +20,7 @@ from seqrsm.simulate.radar.result import RadarImage
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
     from seqrsm.score.evidence import Image
-    from seqrsm.simulate.soil import Sensor
+    from seqrsm.simulate.visits import Sensor
 
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
 

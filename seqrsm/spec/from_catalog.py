@@ -2,7 +2,7 @@
 
 The numbers are printed in Tables A.1 to A.20 of RSL TR 380-1. They are cut to what the engine can form an image of and
 the scattering table holds; every cut is written into the file as a comment beside the tables the number comes from. An
-application that no utility measures (`seqrsm.catalog.measures`) becomes a campaign of measured scores.
+application that no utility measures (`seqrsm.catalog.start`) becomes a campaign of measured scores.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
-from seqrsm.catalog.measures import Measure, measure_of
 from seqrsm.catalog.search import words_of
+from seqrsm.catalog.start import Measure, measure_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.file import load_scene

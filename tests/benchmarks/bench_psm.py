@@ -34,7 +34,7 @@ from psm_cases import Table, radar, scene  # noqa: E402
 from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate.radar import echo, psm, receiver  # noqa: E402
+from seqrsm.simulate.radar import echo, psm  # noqa: E402
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
 from seqrsm.simulate.radar.frame import make_frame  # noqa: E402
 from seqrsm.simulate.radar.ground import look_up  # noqa: E402
@@ -261,7 +261,7 @@ def longest_path(s: Scene, r: RadarConfiguration) -> float:
 
     paths = {1: math.inf, 2: math.inf}
     with contextlib.ExitStack() as stack:
-        for module in (echo, psm, receiver):
+        for module in (echo, psm):
             stack.enter_context(mock.patch.object(module, "in_threads", one_after_the_other))
         for threads in (1, 2) * 6:
             saved, start = 0.0, time.thread_time()

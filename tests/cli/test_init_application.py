@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from seqrsm.campaign import check
 from seqrsm.catalog import load_catalog, start_ranges
-from seqrsm.catalog.measures import measure_of
+from seqrsm.catalog.start import measure_of
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.score.utilities import asked_for

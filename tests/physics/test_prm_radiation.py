@@ -179,10 +179,6 @@ def test_planck_is_taken_when_rayleigh_jeans_errs_by_more_than_the_noise():
 def test_183_ghz_lies_outside_the_tables():
     with pytest.raises(ConfigurationError, match="170"):
         radiometer(frequency_ghz=183.3)
-    from seqrsm.errors import ScatteringDataError
-
-    with pytest.raises(ScatteringDataError, match="atmosphere"):
-        make_atmosphere(183.3)
 
 
 def test_emissivity_zero_and_one():

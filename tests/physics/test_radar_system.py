@@ -19,12 +19,11 @@ from seqrsm.sensor.earth import (
 )
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import echo_grid, echo_sums
+from seqrsm.simulate.radar.echo import echo_grid, echo_sums, in_threads
 from seqrsm.simulate.radar.fading import correlated_fading
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 from seqrsm.simulate.radar.targets import CulturalTarget
-from seqrsm.simulate.threads import in_threads
 
 RE = 6_371_008.8
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from psm_cases import Table, radar, scene
 
-from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.frame import make_frame, pieces
 from seqrsm.simulate.radar.psm import simulate_radar
-from seqrsm.simulate.radar.texture import pieces
 
 
 def site():

@@ -5,9 +5,14 @@ import pytest
 
 from seqrsm.design import exchange
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.evaluate import alias_relations, evaluate_design, inestimable_terms, prediction_variance
+from seqrsm.design.evaluate import (
+    alias_relations,
+    evaluate_design,
+    inestimable_terms,
+    prediction_variance,
+    region_moments,
+)
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
-from seqrsm.design.moments import region_moments
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region

@@ -19,14 +19,12 @@ from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
-from seqrsm.score.brightness import GRID, _expected_k, _weights, retrieved_moisture
+from seqrsm.score.brightness import GRID, _expected_k, _weights, expected_ground, posterior_mean, retrieved_moisture
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import score_moisture
-from seqrsm.score.optimal import posterior_mean
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
-from seqrsm.simulate.radiometer.expected import expected_ground
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.visits import Visit, smooth_departure
 

@@ -1,13 +1,14 @@
 """Phase one of the Point Scattering Model: what every element of the data base returns, the report's program POWER.
 
 `echo_sums` collects the elements into range bins as it goes, in strips of columns that threads share, and keeps nothing
-else.
+else. Where each cell of the scene falls in the image, and what becomes of it, is worked out when it is asked for.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
@@ -15,20 +16,46 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.frame import RadarFrame
+from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 from seqrsm.simulate.radar.occasion import Occasion
-from seqrsm.simulate.threads import in_threads
 from seqrsm.units import LN10_OVER_10, db_to_linear
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
 
+
 LUT_STEPS: Final = 1024
 """Steps of the table of sigma0 in sin(theta/2): 0.08 to 0.11 deg each, with straight lines between: 0.0001 dB where
 sigma0 falls by 0.5 dB a degree."""
+
+
+def in_threads(do: Callable[[int], None], n: int, threads: int) -> None:
+    """Call ``do(k)`` for k < n, by that many threads, the caller's among them."""
+    todo = iter(range(n))
+
+    def work() -> None:
+        # Taking the next number is one step of the interpreter, so no number is taken twice.
+        for k in todo:
+            do(k)
+
+    if threads == 1 or n == 1:
+        work()
+        return
+    with ThreadPoolExecutor(min(threads, n) - 1) as pool:
+        others = [pool.submit(work) for _ in range(min(threads, n) - 1)]
+        work()
+        for other in others:
+            other.result()
+
+
+def block(k: int, n_rows: int, parts: int) -> tuple[slice, slice]:
+    """Channel and rows of the k-th piece of work on ``parts`` pieces a channel: contiguous in memory."""
+    channel, part = divmod(k, parts)
+    return slice(channel, channel + 1), slice(part * n_rows // parts, (part + 1) * n_rows // parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -272,3 +299,87 @@ def echo_sums(
 
     in_threads(do, len(edges) - 1, threads)
     return out
+
+
+def pixels_of_cells(
+    scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid, cells_a_pixel: float, n_azimuth: int
+) -> AnyArray:
+    """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
+
+    Parameters
+    ----------
+    scene : Scene
+    radar : RadarConfiguration
+    frame : RadarFrame
+    grid : EchoGrid
+    cells_a_pixel : float
+        Azimuth cells in a pixel.
+    n_azimuth : int
+        Columns of pixels.
+
+    Returns
+    -------
+    int32 array (rows, cols)
+        Pixel ``row * n_azimuth + column``; -1 without data or outside the image.
+    """
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first = int(frame.source[frame.pad_near])
+    rows = slice(first, first + frame.n_rows)
+    # The frame's columns of a plan-position indicator repeat a pixel's worth at either end.
+    repeated = 1 if frame.wrapped else 0
+    width = n_azimuth + 2 * repeated
+    pixel = np.full(frame.elevation_m.shape, -1, dtype=np.int32)
+    kernels.register_cells(
+        frame.elevation_m[rows],
+        frame.cover[rows],
+        len(scene.categories),
+        grid.geometry[own],
+        grid.base[1:-1][own],
+        radar.range_format == "ground",
+        grid.first,
+        cells_a_pixel,
+        (grid.n_bins, width),
+        pixel[rows],
+    )
+    pixel = to_scene(pixel, frame, scene.shape, -1)
+    if repeated:
+        row, column = np.divmod(pixel, width)
+        pixel = np.where(pixel < 0, pixel, row * n_azimuth + column - repeated)
+    return pixel
+
+
+def state_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
+    """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols)."""
+    n_categories = len(scene.categories)
+    shape = (len(frame.source), frame.elevation_m.shape[1])
+    dtype = frame.elevation_m.dtype
+    offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
+    # No channels: position and state alone.
+    kernels.sum_echoes(
+        frame.elevation_m,
+        frame.top_m,
+        frame.source,
+        frame.cover,
+        frame.field,
+        grid.geometry,
+        grid.rows.astype(dtype),
+        radar.range_format == "ground",
+        np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
+        n_categories,
+        np.empty((0, 0), dtype=dtype),
+        np.empty(0, dtype=dtype),
+        grid.base,
+        grid.first,
+        0,
+        shape[1],
+        np.empty((0, grid.n_bins, shape[1]), dtype=dtype),
+        offset,
+        state,
+    )
+    kernels.mark_layover(offset, grid.base[1:-1], state)
+    del offset
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first = int(frame.source[frame.pad_near])
+    whole = np.full(frame.elevation_m.shape, kernels.NO_DATA, dtype=np.uint8)
+    whole[first : first + frame.n_rows] = state[own]
+    return to_scene(whole, frame, scene.shape, kernels.NO_DATA)

@@ -1,4 +1,7 @@
-"""Fading of an image: the gamma law of any real number of looks by quantiles, and its correlation in fine pixels.
+"""Resolution cells of a shape, and fading: the gamma law of any real number of looks, its correlation in fine pixels.
+
+Cells have GREY TONE's autocorrelation of given shape and length, RSL TR 380-1 section 3.2, which is the half-power
+width. A box is averaged in the kernels; other shapes are weights of pixels that are finer.
 
 A uniform word becomes a normal variate by a table of quantiles, and that a gamma variate of the same probability by a
 table of y in ``X = (1 + y / (3 sqrt(N)))**3``, in which y is smooth in the normal variate and in 1 / sqrt(N) and tends
@@ -10,14 +13,63 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy import ndimage
 from scipy.special import gammainccinv, gammaincinv, ndtr, ndtri
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.simulate.radar import cell, kernels_speckle
+from seqrsm.sensor.antenna import SINC_SQUARED_HALF
+from seqrsm.simulate.radar import kernels_speckle
 from seqrsm.simulate.radar.kernels_speckle import CUBE_ROOT_REACH, CUBE_ROOT_STEPS, NORMAL_STEPS
+
+_REACH: Final = 8.0  # half-power widths to either side; 1.5 % of a sinc**2 lies beyond
+
+
+def cell_weights(shape: str, width: float) -> FloatArray:
+    """Weights of a pixel and its neighbours in a line, which add up to 1.
+
+    Parameters
+    ----------
+    shape : {"gaussian", "sinc_squared"}
+        Of the response in power.
+    width : float
+        Between its half-power points [pixels].
+    """
+    away = np.arange(-math.ceil(_REACH * width), math.ceil(_REACH * width) + 1) / width
+    w = 0.5 ** np.square(2.0 * away) if shape == "gaussian" else np.sinc(2.0 * SINC_SQUARED_HALF * away) ** 2
+    return np.asarray(w / w.sum())
+
+
+def spread(image: AnyArray, shape: str, down: FloatArray, along: FloatArray) -> AnyArray:
+    """Average over resolution cells; at the rim over the part inside the image.
+
+    Parameters
+    ----------
+    image : float array (n_channels, n_rows, n_columns)
+        Power of each pixel's own ground.
+    shape : str
+        As of `cell_weights`.
+    down, along : float64 arrays (n_rows,)
+        Half-power widths of each row's cells across the rows and along them [pixels].
+    """
+    n, one = image.shape[1], np.ones(image.shape[2])
+    rows = np.empty_like(image)
+    for i, width in enumerate(along):
+        w = cell_weights(shape, width)
+        inside = ndimage.convolve1d(one, w, mode="constant")
+        rows[:, i] = ndimage.convolve1d(image[:, i], w, mode="constant") / inside
+    out = np.empty_like(image)
+    for i, width in enumerate(down):
+        w = cell_weights(shape, width)
+        first = i - len(w) // 2
+        w = w[max(-first, 0) : n - first]
+        first = max(first, 0)
+        out[:, i] = np.tensordot(rows[:, first : first + len(w)], w / w.sum(), axes=(1, 0))
+    return out
+
 
 _ORDER = 16
 """Order of the Chebyshev series of y in 1 / sqrt(N), 0 to 1: it is right to 2e-6."""
@@ -139,14 +191,14 @@ def correlated_fading(
     float64 array of `shape`
     """
     n_channels, n_range, n_azimuth = shape
-    weights = [_unit(_box(size) if cell_shape == "box" else cell.weights(cell_shape, size)) for size in cell_pixels]
+    around = [_unit(_box(size) if cell_shape == "box" else cell_weights(cell_shape, size)) for size in cell_pixels]
     (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
     out = np.empty(shape)
     for c in range(n_channels):
-        white = np.empty((n_range + len(weights[0]) - 1, n_azimuth + len(weights[1]) - 1))
+        white = np.empty((n_range + len(around[0]) - 1, n_azimuth + len(around[1]) - 1))
         kernels_speckle.fill_normal(int(numbers[c]), normal_table(), *key, white)
-        down = sum(w * white[k : k + n_range] for k, w in enumerate(weights[0]))
-        z = sum(w * np.asarray(down)[:, k : k + n_azimuth] for k, w in enumerate(weights[1]))
+        down = sum(w * white[k : k + n_range] for k, w in enumerate(around[0]))
+        z = sum(w * np.asarray(down)[:, k : k + n_azimuth] for k, w in enumerate(around[1]))
         kernels_speckle.fade(np.asarray(z), tables, which, spread, out[c])
     return out
 

@@ -8,7 +8,7 @@ angle. `seqrsm.simulate.radar.result` turns that picture back into rectangular c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
 
@@ -17,14 +17,16 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
 from seqrsm.plain import shallow
+from seqrsm.scene.fields import voronoi_labels
 from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.swath import ground_ranges_m
-from seqrsm.simulate.radar.texture import ground_of
 
 _MOST_CELLS: Final = 400_000_000
+_SEED: Final = 1979
+"""Of the pieces' outlines, which are the same in every run; their backscatter is drawn anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -103,6 +105,25 @@ class RadarFrame(FrameLayers):
     curved: bool
     edge_m: tuple[float, float] = (0.0, 0.0)
     column_m: FloatArray | None = None
+
+
+@lru_cache(maxsize=6)
+def pieces(scene: Scene, texture_m: float) -> tuple[Scene, IntArray]:
+    """Fields cut into Voronoi pieces of ``texture_m`` [m] on average a side, at least a cell.
+
+    The scene whose ``field_id`` numbers pieces, and the field that each piece is of (n_pieces,).
+    """
+    rows, cols = scene.shape
+    cut = voronoi_labels(rows, cols, max(round(texture_m / scene.cell_m), 1), seed=_SEED)
+    width = int(cut.max()) + 1
+    found, number = np.unique(scene.field_id.astype(np.int64) * width + cut, return_inverse=True)
+    piece = number.reshape(rows, cols).astype(np.int32)
+    return replace(scene, field_id=piece), found // width
+
+
+def ground_of(scene: Scene, radar: RadarConfiguration) -> Scene:
+    """The scene as a radar's frame wants it: with pieces in place of fields where it asks for texture."""
+    return pieces(scene, radar.texture_m)[0] if radar.texture_db > 0.0 else scene
 
 
 def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:

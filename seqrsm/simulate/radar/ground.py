@@ -1,22 +1,28 @@
-"""The ground as one radar meets it in one run: the table's backscatter, and everything that departs from it."""
+"""The ground as one radar meets it in one run: the table's backscatter, and everything that departs from it.
+
+Real fields are not even inside, which matters where speckle is averaged away: rows, wet spots and trends make the
+backscatter of parts of a field differ. In the AIRSAR flight over Flevoland blocks of 24 to 145 m scatter about the mean
+of their field as speckle and parts of 75 m that differ by 1 dB let them (``reports/validation/flevoland.md``). Here
+each field is cut into drawn pieces, and each piece departs from its field.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
+from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
-from seqrsm.simulate.radar.texture import with_texture
-from seqrsm.simulate.soil import field_moisture
-from seqrsm.simulate.visits import Visit
+from seqrsm.simulate.visits import Visit, field_moisture, half_lasting
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -120,3 +126,42 @@ def look_up(
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))
         found.append(like)
     return found
+
+
+def with_texture(
+    occasion: Occasion,
+    scene: Scene,
+    radar: RadarConfiguration,
+    lookups: Sequence[Sigma0Lookup],
+    visit: Visit,
+    *,
+    seed: int,
+    run_id: int,
+) -> Occasion:
+    """The occasion with offsets of pieces in place of those of fields; itself without texture.
+
+    Departures are Gaussian in decibels; two channels share the part of the variance that fields do, and half of it
+    lasts from date to date (assumed).
+
+    Parameters
+    ----------
+    occasion : Occasion
+        Of the scene's own fields.
+    scene, radar, lookups, visit
+        As in `seqrsm.simulate.radar.occasion.draw_occasion`.
+    seed, run_id : int
+        Campaign and run.
+    """
+    if radar.texture_db == 0.0:
+        return occasion
+    _, parent = pieces(scene, radar.texture_m)
+    # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
+    place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
+    shape = (1 + max(place), len(parent))
+    draws = half_lasting(visit, "texture", shape, radar.frequency_ghz, seed=seed, run_id=run_id)
+    offset = occasion.field_offset_db[:, parent]
+    for c, lookup in enumerate(lookups):
+        shared = float(np.mean(lookup.channel_correlation))
+        own = draws[place[c]]
+        offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * own)
+    return replace(occasion, field_offset_db=offset)

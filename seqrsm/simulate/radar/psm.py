@@ -23,9 +23,18 @@ from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.cell import spread
-from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
-from seqrsm.simulate.radar.fading import add_fading, correlated_fading
+from seqrsm.simulate.radar.echo import (
+    EchoGrid,
+    block,
+    echo_grid,
+    echo_sums,
+    field_factors,
+    in_threads,
+    pixels_of_cells,
+    sigma0_lut,
+    state_of_cells,
+)
+from seqrsm.simulate.radar.fading import add_fading, correlated_fading, spread
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.ground import MOISTURE_RANGE, look_up, met_occasion, with_moisture
 from seqrsm.simulate.radar.occasion import (
@@ -35,12 +44,9 @@ from seqrsm.simulate.radar.occasion import (
     nominal_occasion,
 )
 from seqrsm.simulate.radar.receiver import received
-from seqrsm.simulate.radar.registration import pixels_of_cells, state_of_cells
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
-from seqrsm.simulate.soil import known_moisture
-from seqrsm.simulate.threads import block, in_threads
-from seqrsm.simulate.visits import ONCE, Visit
+from seqrsm.simulate.visits import ONCE, Visit, known_moisture
 from seqrsm.units import linear_to_db
 
 if TYPE_CHECKING:

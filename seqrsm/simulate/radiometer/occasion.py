@@ -13,8 +13,7 @@ from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
-from seqrsm.simulate.soil import field_moisture, known_moisture
-from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share
+from seqrsm.simulate.visits import Visit, deviates, field_moisture, half_lasting, known_moisture, moisture_share
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
