@@ -8,11 +8,15 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from seqrsm.errors import Problem, ScoresFileError
 from seqrsm.score.source import table_text
-from seqrsm.score.table import Table, read_table
+from seqrsm.score.table import read_table
 from seqrsm.units import reciprocal_factor, unit_factor, units_like
+
+if TYPE_CHECKING:
+    from seqrsm.score.source import TableSource
 
 MAX_PROBLEMS = 100
 
@@ -108,11 +112,12 @@ def _first_word(name: str) -> str:
 
 
 class CellReader:
-    """Finds columns and reads cells, and collects what is wrong.
+    """Opens a table, finds its columns and reads its cells, and collects what is wrong.
 
     Parameters
     ----------
-    table : Table
+    source : Path, str, DataFrame or TableText
+        See `seqrsm.score.source.table_text`.
     factors : sequence of FactorColumn
     measures : sequence of Measure
         Applications that may stand in the file.
@@ -121,9 +126,10 @@ class CellReader:
     optional: tuple[str, ...] = ()
     """Columns besides the factors' that have a meaning."""
 
-    def __init__(self, table: Table, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> None:
-        self.table = table
+    def __init__(self, source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure] = ()) -> None:
+        self.file = table_text(source)
         self.factors = factors
+        self.table = read_table(self.file.name, self.file.data, lambda text: split_header(text)[0] in self.meant)
         self.measures = {measure.name: measure for measure in measures}
         self.problems: list[Problem] = []
         self.columns: dict[str, int] = {}
@@ -131,6 +137,11 @@ class CellReader:
         self.reciprocals: dict[str, float] = {}
         self.seen: dict[tuple[int, str], int] = {}
         self.decimal_signs: dict[str, int] = {}
+
+    @property
+    def meant(self) -> set[str]:
+        """Names of the columns that have a meaning."""
+        return {*self.optional, *(factor.name for factor in self.factors)}
 
     def add(self, message: str, remedy: str, line: int, column: str | None = None, value: object = None) -> None:
         """Note a problem at a place of the file."""
@@ -148,7 +159,7 @@ class CellReader:
     def header(self) -> None:
         """Find the columns by name, and the units that they are in."""
         line = self.table.header_line
-        known = {*self.optional, *(factor.name for factor in self.factors)}
+        known = self.meant
         for index, text in enumerate(self.table.header):
             name, unit = split_header(text)
             name = self._reciprocal_of(name, unit, known)
@@ -313,8 +324,7 @@ class CellReader:
 
     def free_columns(self) -> list[str]:
         """Columns that are the user's own, or that bear a name we do not know."""
-        known = {*self.optional, *(factor.name for factor in self.factors)}
-        return [name for name in self.columns if name not in known]
+        return [name for name in self.columns if name not in self.meant]
 
 
 def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int, dict[str, float | str]]]:
@@ -325,9 +335,7 @@ def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int
     ScoresFileError
         With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
     """
-    known = {factor.name for factor in factors}
-    file = table_text(path)
-    reader = CellReader(read_table(file.name, file.data, lambda text: split_header(text)[0] in known), factors, ())
+    reader = CellReader(path, factors)
     reader.header()
     reader.refuse()
     found = [

@@ -16,9 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name, split_header
-from seqrsm.score.source import table_text
-from seqrsm.score.table import read_table
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name
 
 if TYPE_CHECKING:
     from seqrsm.score.source import TableSource
@@ -110,13 +108,10 @@ def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: 
     ScoresFileError
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
-    file = table_text(source)
-    known = {*OPTIONAL, *(factor.name for factor in factors)}
-    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in known)
-    reader = _Reader(table, factors, measures)
+    reader = _Reader(source, factors, measures)
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(file.name, file.sha256, tuple(scores), tuple(unscored), reader.near())
+    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near())
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:

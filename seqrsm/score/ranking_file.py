@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
-from seqrsm.score.source import table_text
-from seqrsm.score.table import read_table
 
 if TYPE_CHECKING:
     from seqrsm.score.source import TableSource
@@ -55,10 +53,7 @@ class RankingsFile:
 
 def is_rankings_file(source: TableSource) -> bool:
     """Whether the header has a column ``interpreter`` and one ``rank``."""
-    file = table_text(source)
-    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in COLUMNS)
-    names = {split_header(text)[0] for text in table.header}
-    return {"interpreter", "rank"} <= names
+    return {"interpreter", "rank"} <= {split_header(text)[0] for text in _Reader(source, ()).table.header}
 
 
 def read_rankings(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> RankingsFile:
@@ -77,13 +72,10 @@ def read_rankings(source: TableSource, factors: Sequence[FactorColumn], measures
     ScoresFileError
         With all problems, each with file, line, column, value and remedy.
     """
-    file = table_text(source)
-    known = {*COLUMNS, *(factor.name for factor in factors)}
-    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in known)
-    reader = _Reader(table, factors, measures)
+    reader = _Reader(source, factors, measures)
     rankings = reader.rankings()
     reader.refuse()
-    return RankingsFile(file.name, file.sha256, rankings)
+    return RankingsFile(reader.file.name, reader.file.sha256, rankings)
 
 
 class _Reader(CellReader):
