@@ -129,8 +129,3 @@ def ground_range_of_look(look_rad: float, height_m: float, curved: bool) -> floa
 def horizon_ground_range_m(height_m: float) -> float:
     """Ground range of the horizon [m]."""
     return EARTH_RADIUS_M * math.acos(EARTH_RADIUS_M / (EARTH_RADIUS_M + height_m))
-
-
-def horizon_look_rad(height_m: float) -> float:
-    """Look angle of the horizon [rad]."""
-    return math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + height_m))

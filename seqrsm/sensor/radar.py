@@ -15,10 +15,10 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.constants import BOLTZMANN_J_K, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
+from seqrsm.constants import BOLTZMANN_J_K, EARTH_RADIUS_M, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import PATTERN_STEPS, ElevationPattern, atmosphere_factor, elevation_gain
-from seqrsm.sensor.earth import horizon_look_rad, incidence_of_look
+from seqrsm.sensor.earth import incidence_of_look
 from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
@@ -146,7 +146,7 @@ class RadarConfiguration:
         Wind speed over water of a run is uniform between them [m/s].
     texture_db, texture_m : float
         How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
-        these parts [m] (`seqrsm.simulate.radar.texture`).
+        these parts [m] (`seqrsm.simulate.radar.ground.with_texture`).
     tree_height_m, building_height_m : float
         Height of Trees and of Buildings above the scene's elevations [m] (assumed); they are opaque, and what lies
         behind them is in shadow. 0 where the elevations are those of the tops (a surface model). Crops are taken as
@@ -404,7 +404,7 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
     found = list(_excluded_choices(radar))
     theta = radar.centre_incidence_rad
     if math.isnan(theta):
-        least = 90.0 - math.degrees(horizon_look_rad(radar.altitude_m))
+        least = 90.0 - math.degrees(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + radar.altitude_m)))
         text = f"the line of sight to the centre of the scene passes the horizon, {least:.4g} deg below the horizontal"
         return [*found, at_fault(radar, "depression_angle", text, f"Use at least {rounded_up(least)} deg")]
     across = radar.ground_resolution_m(theta)

@@ -251,17 +251,18 @@ def emission_tables(
     lookups: Sequence[EmissivityLookup], air: Atmosphere, occasion: RadiometerOccasion, dtype: Any
 ) -> tuple[AnyArray, FloatArray, AnyArray, AnyArray]:
     """Tables of emissivity and sky, moisture and departure of each field, as `kernels_prm.emit_cells` takes them."""
-    lut = _emissivity_lut(lookups, occasion, _lut_angles())
+    steps = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0)
+    theta_deg = np.rad2deg(2.0 * np.arcsin(steps * math.sqrt(0.5)))
+    lut = np.stack([look.at_angles(theta_deg) for look in lookups]) + occasion.class_offset[:, :, None, None]
+    # Each value beside its step to the next, as one element of twice the size that one load fetches.
+    pairs = np.zeros((*lut.shape, 2), dtype=dtype)
+    pairs[..., 0] = np.clip(lut, 0.0, 1.0)
+    pairs[..., :-1, 1] = np.diff(pairs[..., 0], axis=-1)
+    table = pairs.view(np.uint64 if dtype == np.float32 else np.complex128)[..., 0]
     place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
     place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
     departure = occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0]
-    return _pairs(lut.astype(dtype)), _sky_polynomial(air), place.astype(dtype), departure.astype(dtype)
-
-
-def _lut_angles() -> FloatArray:
-    """Angles of the kernel's tables [rad]."""
-    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
-    return np.asarray(2.0 * np.arcsin(q))
+    return table, _sky_polynomial(air), place.astype(dtype), departure.astype(dtype)
 
 
 def _sky_polynomial(air: Atmosphere) -> FloatArray:
@@ -276,20 +277,6 @@ def _sky_polynomial(air: Atmosphere) -> FloatArray:
     fitted = _CHEBYSHEV @ (value - value[0])
     power = np.polynomial.chebyshev.cheb2poly(fitted)
     return np.concatenate([[most], power + np.eye(10)[0] * value[0]])
-
-
-def _emissivity_lut(lookups: Sequence[EmissivityLookup], occasion: RadiometerOccasion, theta: FloatArray) -> FloatArray:
-    """Emissivity (n_channels, n_categories, n_moistures, k) with the date's offsets; linear between whole degrees."""
-    out = np.stack([look.at_angles(np.rad2deg(theta)) for look in lookups])
-    return np.asarray(np.clip(out + occasion.class_offset[:, :, None, None], 0.0, 1.0))
-
-
-def _pairs(lut: AnyArray) -> AnyArray:
-    """Each value beside its step to the next, as one element of twice the size that one load fetches."""
-    both = np.zeros((*lut.shape, 2), dtype=lut.dtype)
-    both[..., 0] = lut
-    both[..., :-1, 1] = np.diff(lut, axis=-1)
-    return both.view(np.uint64 if lut.dtype == np.float32 else np.complex128)[..., 0]
 
 
 def scan_image(
