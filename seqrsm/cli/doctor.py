@@ -72,7 +72,7 @@ def _warm_up() -> dict[str, float]:
 
     from seqrsm.scattering.emissivity import load_emissivity_table
     from seqrsm.scattering.sigma0 import load_sigma0_table
-    from seqrsm.scene.synthetic import Terrain, synthetic_scene
+    from seqrsm.scene.synthetic import synthetic_scene
     from seqrsm.score.cover import percent_correct
     from seqrsm.sensor import radiometer
     from seqrsm.sensor.radar import from_settings
@@ -80,7 +80,7 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
     start = time.perf_counter()
-    scene = synthetic_scene(60, 60, 10.0, categories=("Grass", "Trees"), terrain=Terrain(20.0))
+    scene = synthetic_scene(60, 60, 10.0, categories=("Grass", "Trees"), relief_m=20.0)
     radar = from_settings(
         {"frequency": 5.4, "polarization": "HH", "resolution": 20.0, "depression_angle": 45.0},
         {"bandwidth": 50.0, "peak_power": 1000.0, "altitude_m": 6000.0},

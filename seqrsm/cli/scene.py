@@ -120,7 +120,7 @@ def scene_synthetic(
 ) -> None:
     """Draw a synthetic scene. Terrain and fields."""
     from seqrsm.scene.file import save_scene
-    from seqrsm.scene.synthetic import Terrain, synthetic_scene
+    from seqrsm.scene.synthetic import synthetic_scene
 
     scene = synthetic_scene(
         rows,
@@ -128,7 +128,7 @@ def scene_synthetic(
         cell_m,
         categories=[name.strip() for name in categories.split(",")],
         field_m=field_m,
-        terrain=Terrain(relief_m),
+        relief_m=relief_m,
         seed=seed,
     )
     replaced = out.exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,24 +15,6 @@ from seqrsm.scene.terrain import fractal_terrain
 LARGEST_SEED: Final = 2**63 - 1
 
 
-@dataclass(frozen=True, slots=True)
-class Terrain:
-    """Relief of a drawn scene.
-
-    Attributes
-    ----------
-    relief_m, rms_slope, exponent : float
-        See `seqrsm.scene.terrain.fractal_terrain`.
-    base_m : float
-        Height of the lowest point [m].
-    """
-
-    relief_m: float = 0.0
-    rms_slope: float | None = None
-    exponent: float = 3.5
-    base_m: float = 0.0
-
-
 def synthetic_scene(
     rows: int,
     cols: int,
@@ -41,7 +22,8 @@ def synthetic_scene(
     *,
     categories: Sequence[str],
     field_m: float = 150.0,
-    terrain: Terrain | None = None,
+    relief_m: float = 0.0,
+    exponent: float = 3.5,
     seed: int = 0,
 ) -> Scene:
     """Scene of drawn fields on drawn terrain.
@@ -56,18 +38,16 @@ def synthetic_scene(
         Cover categories, each of as many fields on average.
     field_m : float
         Mean side of a field [m], at least one cell.
-    terrain : Terrain, optional
-        Flat by default.
+    relief_m, exponent : float
+        Of the terrain, see `seqrsm.scene.terrain.fractal_terrain`; flat by default.
     seed : int
         Seed of everything that is drawn.
 
     Raises
     ------
     SceneError
-        Impossible size, relief, slope, field or seed.
+        Impossible size, relief, field or seed.
     """
-    terrain = terrain or Terrain()
-    relief_m = terrain.relief_m
     if not categories:
         raise SceneError(Problem("a scene needs a category", "Name one or more", field="categories"))
     if rows * cols > MAX_CELLS:
@@ -75,25 +55,18 @@ def synthetic_scene(
         raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))
     if not 0 <= seed <= LARGEST_SEED:
         raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
-    highest = terrain.base_m + relief_m
-    if not highest <= HIGHEST_M:
-        text = f"the land would reach {highest:g} m, which is impossible"
-        remedy = f"Give at most {HIGHEST_M - terrain.base_m:g} m of relief"
-        raise SceneError(Problem(text, remedy, field="relief_m", value=relief_m))
+    if not relief_m <= HIGHEST_M:
+        text, remedy = f"the land would reach {relief_m:g} m, which is impossible", f"Give at most {HIGHEST_M:g} m"
+        raise SceneError(Problem(text, f"{remedy} of relief", field="relief_m", value=relief_m))
     side = round(field_m / cell_m)
     if side < 1:
         raise SceneError(
             Problem(f"a field must be at least one cell of {cell_m} m wide", field="field_m", value=field_m)
         )
-    relief = fractal_terrain(
-        rows, cols, cell_m, relief_m=relief_m, rms_slope=terrain.rms_slope, exponent=terrain.exponent, seed=seed
-    )
+    elevation = fractal_terrain(rows, cols, relief_m=relief_m, exponent=exponent, seed=seed).astype(np.float32)
     piece = voronoi_labels(rows, cols, side, seed=seed)
     # A draw for each piece, not for each of its cells.
     cover = draw_index(np.arange(int(piece.max()) + 1), [1.0] * len(categories), seed=seed + 1).astype(np.uint8)[piece]
-    elevation = np.empty((rows, cols), dtype=np.float32)
-    np.add(terrain.base_m, relief, out=elevation, casting="same_kind")
-    del relief
     return Scene(
         elevation_m=elevation,
         cover=cover,

@@ -8,14 +8,14 @@ import pytest
 from tiny_campaign import make_tiny
 
 from seqrsm.scene.file import save_scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 @pytest.fixture(scope="session")
 def tiny_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "scene.npz"
     scene = synthetic_scene(
-        60, 80, 10.0, categories=("Grass", "Trees", "Bareground"), field_m=120.0, terrain=Terrain(20.0), seed=3
+        60, 80, 10.0, categories=("Grass", "Trees", "Bareground"), field_m=120.0, relief_m=20.0, seed=3
     )
     save_scene(scene, path)
     return path

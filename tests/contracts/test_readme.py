@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from seqrsm.cli.app import app
 from seqrsm.cli.guides import topics
 from seqrsm.scene.file import save_scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.spec.read import load_spec
 
 ROOT = Path(__file__).parents[2]
@@ -49,7 +49,7 @@ def test_command_and_options_exist(line: str) -> None:
 
 def test_campaign_file_is_valid(tmp_path: Path) -> None:
     (text,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.S)
-    save_scene(synthetic_scene(20, 30, 5.0, categories=["Grass"], terrain=Terrain(1.0), seed=1), tmp_path / "scene.npz")
+    save_scene(synthetic_scene(20, 30, 5.0, categories=["Grass"], relief_m=1.0, seed=1), tmp_path / "scene.npz")
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
     spec = load_spec(tmp_path)
     assert spec.region.names == ("resolution", "polarization")
@@ -94,7 +94,7 @@ def test_own_table_and_utility_work_as_written(tmp_path: Path) -> None:
     (text,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.S)
     text = text.replace('# table = "mine.csv"', 'table = "mine.csv"').replace('"percent_correct"', '"mine:score"')
     (tmp_path / "campaign.toml").write_text(text.replace('["HH", "HH+HV"]', '["HH", "HV"]'), encoding="utf-8")
-    scene = synthetic_scene(40, 60, 10.0, categories=["Grass", "Rapeseed"], field_m=80.0, terrain=Terrain(5.0), seed=1)
+    scene = synthetic_scene(40, 60, 10.0, categories=["Grass", "Rapeseed"], field_m=80.0, relief_m=5.0, seed=1)
     save_scene(scene, tmp_path / "scene.npz")
 
     def image(polarization: str) -> Result:

@@ -36,7 +36,7 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.geotiff import read_geotiff
 from seqrsm.scene.raster import read_legend
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
@@ -419,7 +419,7 @@ def read_expression(data: bytes, folder: Path) -> object:
 
 def _scene_bytes() -> bytes:
     made = io.BytesIO()
-    scene = synthetic_scene(8, 9, 10.0, categories=("Grass", "Trees"), field_m=40.0, terrain=Terrain(5.0), seed=3)
+    scene = synthetic_scene(8, 9, 10.0, categories=("Grass", "Trees"), field_m=40.0, relief_m=5.0, seed=3)
     folder = Path(os.environ.get("TMPDIR", "/tmp")) / f"seqrsm-fuzz-{os.getpid()}.npz"
     save_scene(scene, folder)
     made.write(folder.read_bytes())

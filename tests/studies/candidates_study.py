@@ -22,7 +22,7 @@ from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.arrays import FloatArray
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import radar_of, sensors_called
@@ -47,7 +47,7 @@ FLIGHTS = 8
 
 def scores(worlds: int) -> dict[str, FloatArray]:
     """Scores (worlds, occasions) of the reference and of every sensor, the same worlds and occasions for all."""
-    ground = synthetic_scene(80, 100, 10.0, categories=COVERS, field_m=120.0, terrain=Terrain(10.0), seed=4)
+    ground = synthetic_scene(80, 100, 10.0, categories=COVERS, field_m=120.0, relief_m=10.0, seed=4)
     radars = {"the reference": REFERENCE}
     for title, channels in SENSORS:
         (sensor,) = sensors_called(title)

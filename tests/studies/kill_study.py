@@ -24,7 +24,7 @@ from kill_episodes import COMMANDS, call, course, episode, undisturbed  # noqa: 
 from reliability_report import FOLDER, machine, write_section  # noqa: E402
 
 from seqrsm.scene.file import save_scene  # noqa: E402
-from seqrsm.scene.synthetic import Terrain, synthetic_scene  # noqa: E402
+from seqrsm.scene.synthetic import synthetic_scene  # noqa: E402
 
 TABLE = FOLDER / "kills.csv"
 STEPS = 8
@@ -42,7 +42,7 @@ def rows() -> list[dict[str, str]]:
 def scene(folder: Path) -> Path:
     """The scene of the tests' tiny campaign."""
     categories = ("Grass", "Trees", "Bareground")
-    made = synthetic_scene(60, 80, 10.0, categories=categories, field_m=120.0, terrain=Terrain(20.0), seed=3)
+    made = synthetic_scene(60, 80, 10.0, categories=categories, field_m=120.0, relief_m=20.0, seed=3)
     save_scene(made, folder / "scene.npz")
     return folder / "scene.npz"
 

@@ -27,7 +27,7 @@ from seqrsm.campaign.simulation import SimulationTask
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.scene.file import load_scene, save_scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "reports" / "speed-accuracy"
@@ -64,8 +64,7 @@ class Site:
         if not path.exists():
             draft = path.with_suffix(".draft.npz")
             given = dict(self.synthetic)
-            terrain = Terrain(given.pop("relief_m"), exponent=given.pop("exponent"))
-            save_scene(synthetic_scene(**given, terrain=terrain), draft)
+            save_scene(synthetic_scene(**given), draft)
             draft.replace(path)
         return str(path)
 

@@ -17,7 +17,7 @@ import psm_cases
 from seqrsm.errors import UserError
 from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.fading import add_fading
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -40,7 +40,7 @@ class Row:
 
 def rolling(relief_m: float = 60.0) -> Scene:
     """Fields on hills of 2 km by 2 km."""
-    return synthetic_scene(SIDE, SIDE, CELL_M, categories=CATEGORIES, field_m=150.0, terrain=Terrain(relief_m), seed=4)
+    return synthetic_scene(SIDE, SIDE, CELL_M, categories=CATEGORIES, field_m=150.0, relief_m=relief_m, seed=4)
 
 
 def relative(single: np.ndarray, double: np.ndarray) -> dict[str, float]:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from seqrsm.scene.coarse import cells_in_one, coarse_scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made(rows=43, cols=50):
-    return synthetic_scene(rows, cols, 10.0, categories=("Wheat", "Trees"), field_m=90.0, terrain=Terrain(30.0), seed=3)
+    return synthetic_scene(rows, cols, 10.0, categories=("Wheat", "Trees"), field_m=90.0, relief_m=30.0, seed=3)
 
 
 def test_elevations_are_means_and_the_rest_is_that_of_the_middle_cell() -> None:

@@ -13,7 +13,7 @@ from sklearn import metrics
 from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.classification import classify, classify_by_forest
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, percent_correct, score_cover, score_evidence
 from seqrsm.score.evidence import WINDOW, Evidence, _lee, evidence_of, pixels_of
@@ -29,7 +29,7 @@ def fields(side: int = 8, n: int = 160, cell_m: float = 10.0) -> Scene:
     rng = np.random.default_rng(5)
     kinds = rng.integers(0, 4, (n // side, n // side))
     field = np.kron(np.arange(kinds.size).reshape(kinds.shape), np.ones((side, side), dtype=int)).astype(np.int32)
-    flat = synthetic_scene(n, n, cell_m, categories=("Wheat",), terrain=Terrain(0.0))
+    flat = synthetic_scene(n, n, cell_m, categories=("Wheat",), relief_m=0.0)
     cover = np.kron(kinds, np.ones((side, side), dtype=int)).astype(np.uint8)
     return replace(flat, cover=cover, field_id=field, categories=("Wheat", "Corn", "Grass", "Vegetables"))
 

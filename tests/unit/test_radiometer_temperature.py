@@ -75,7 +75,7 @@ def test_only_ground_square_to_the_sun_reaches_the_highest_temperature(azimuth, 
 
 
 def test_temperature_stays_between_300_and_340_k():
-    z = fractal_terrain(80, 90, 10.0, relief_m=200.0, seed=2)
+    z = fractal_terrain(80, 90, relief_m=200.0, seed=2)
     for hour in (5.0, 9.0, 12.0, 17.0):
         sun = sun_position(35.0, 172.0, hour)
         t = physical_temperature_k(sun_exposure(z, 10.0, sun), 1.0)

@@ -14,7 +14,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scene import file as scene_file
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 def small(**changes: Any) -> Scene:
@@ -87,7 +87,7 @@ def test_elevation_comes_back_exactly(tmp_path: Path, factor: float) -> None:
 
 def test_the_same_scene_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        save_scene(synthetic_scene(20, 30, 5.0, categories=["A", "B"], terrain=Terrain(10.0), seed=3), tmp_path / name)
+        save_scene(synthetic_scene(20, 30, 5.0, categories=["A", "B"], relief_m=10.0, seed=3), tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 

@@ -17,7 +17,7 @@ from seqrsm.scene.fields import (
 )
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.scene.terrain import fractal_terrain, rms_slope, slopes
 
 
@@ -79,14 +79,13 @@ def test_slopes_of_a_plane() -> None:
     assert rms_slope(0.3 * east - 0.1 * north, 5.0) == pytest.approx(np.sqrt(0.05))
 
 
-def test_terrain_relief_slope_and_seed() -> None:
-    terrain = fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=1)
+def test_terrain_relief_and_seed() -> None:
+    terrain = fractal_terrain(120, 90, relief_m=40.0, seed=1)
     assert np.ptp(terrain) == pytest.approx(40.0)
     assert terrain.min() == 0.0
-    assert rms_slope(terrain, 5.0) == pytest.approx(0.12, rel=1e-3)
-    np.testing.assert_array_equal(terrain, fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=1))
-    assert not np.array_equal(terrain, fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=2))
-    assert not fractal_terrain(5, 5, 1.0, relief_m=0.0, seed=0).any()
+    np.testing.assert_array_equal(terrain, fractal_terrain(120, 90, relief_m=40.0, seed=1))
+    assert not np.array_equal(terrain, fractal_terrain(120, 90, relief_m=40.0, seed=2))
+    assert not fractal_terrain(5, 5, relief_m=0.0, seed=0).any()
 
 
 @pytest.mark.parametrize("exponent", [2.5, 3.5])
@@ -95,27 +94,25 @@ def test_terrain_spectrum(exponent: float) -> None:
     lag = np.array([4, 8, 16])
     slope = []
     for seed in range(12):
-        terrain = fractal_terrain(512, 512, 1.0, relief_m=1.0, exponent=exponent, seed=seed)
+        terrain = fractal_terrain(512, 512, relief_m=1.0, exponent=exponent, seed=seed)
         structure = [np.mean((terrain[:, n:] - terrain[:, :-n]) ** 2) for n in lag]
         slope.append(np.polyfit(np.log(lag), np.log(structure), 1)[0])
     assert np.mean(slope) == pytest.approx(exponent - 2.0, abs=0.15)
 
 
 def test_impossible_terrain() -> None:
-    with pytest.raises(SceneError, match="allows rms slopes of"):
-        fractal_terrain(30, 30, 5.0, relief_m=1.0, rms_slope=3.0, seed=0)
     with pytest.raises(SceneError, match="no terrain of"):
-        fractal_terrain(30, 30, 5.0, relief_m=-1.0, seed=0)
+        fractal_terrain(30, 30, relief_m=-1.0, seed=0)
 
 
 def test_synthetic_scene() -> None:
     scene = synthetic_scene(
         200, 300, 5.0, categories=["Wheat", "Corn"], field_m=100.0,
-        terrain=Terrain(30.0, rms_slope=0.05, base_m=100.0), seed=4,
+        relief_m=30.0, seed=4,
     )  # fmt: skip
     found = scene_statistics(scene)
-    assert (found.low_m, found.high_m) == pytest.approx((100.0, 130.0), abs=1e-4)
-    assert found.rms_slope == pytest.approx(0.05, rel=0.01)
+    assert (found.low_m, found.high_m) == pytest.approx((0.0, 30.0), abs=1e-4)
+    assert found.rms_slope == pytest.approx(rms_slope(scene.elevation_m, 5.0))
     assert found.n_fields == pytest.approx(11 * 16, rel=0.2)  # pieces cut by the edges count
     assert found.median_field_m2 == pytest.approx(1e4, rel=0.4)
     assert found.category_fractions["Wheat"] == pytest.approx(0.5, abs=0.15)

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made() -> object:
-    return synthetic_scene(40, 50, 10.0, categories=("Wheat", "Trees"), field_m=90.0, terrain=Terrain(30.0), seed=3)
+    return synthetic_scene(40, 50, 10.0, categories=("Wheat", "Trees"), field_m=90.0, relief_m=30.0, seed=3)
 
 
 def test_a_scene_with_one_known_elevation_has_statistics(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from seqrsm.scene import terrain
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made():
@@ -20,7 +20,7 @@ def made():
         5.0,
         categories=("Wheat", "Trees"),
         field_m=60.0,
-        terrain=Terrain(30.0, base_m=2.5),
+        relief_m=30.0,
         seed=3,
     )
 
@@ -48,7 +48,7 @@ def test_terrain_is_the_filtered_noise_of_its_seed():
     k[0, 0] = np.inf
     whole = np.fft.ifft2(np.fft.fft2(noise) * k ** (-0.5 * exponent)).real[:rows, :cols]
     expected = 12.0 * (whole - whole.min()) / np.ptp(whole)
-    got = terrain.fractal_terrain(rows, cols, 5.0, relief_m=12.0, exponent=exponent, seed=seed)
+    got = terrain.fractal_terrain(rows, cols, relief_m=12.0, exponent=exponent, seed=seed)
     np.testing.assert_allclose(got, expected, atol=1e-11)
 
 

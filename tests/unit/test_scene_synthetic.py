@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
 from seqrsm.scene.file import load_scene
-from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.scene.synthetic import synthetic_scene
 
 
 def land(seed=4, relief_m=40.0):
-    return synthetic_scene(200, 260, 5.0, categories=("Wheat", "Grass"), terrain=Terrain(relief_m), seed=seed)
+    return synthetic_scene(200, 260, 5.0, categories=("Wheat", "Grass"), relief_m=relief_m, seed=seed)
 
 
 def test_the_seed_is_all():
