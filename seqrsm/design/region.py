@@ -20,6 +20,8 @@ from seqrsm.design.factors import LOG_NEEDS_POSITIVE, CategoricalFactor, Continu
 from seqrsm.errors import Problem, RegionError
 
 _BOX_TOLERANCE = 1e-9
+_LINE_SAMPLES = 65
+_MAX_DRAWN = 1_000_000
 _MOST_CELLS = 20_000  # counted, of a region without continuous factors
 
 
@@ -230,7 +232,36 @@ class Region:
         """
         if self.is_box:
             return search.uniform(self.axes, n, rng)
-        return search.sample(self.axes, n, rng, self.slack, self.line_intervals, self.anchors)
+        found: list[FloatArray] = []
+        count, drawn = 0, 0
+        while count < n and drawn < min(10_000 * n, _MAX_DRAWN):
+            size = int(np.clip(4 * (n - count) * max(drawn, 1) / max(count, 1), 1024, 65_536))
+            points = search.uniform(self.axes, size, rng)
+            good = points[self.slack(points) >= 0.0]
+            found.append(good)
+            count += good.shape[0]
+            drawn += size
+        points = np.vstack([np.empty((0, self.k)), *found])[:n]
+        if points.shape[0] < n:
+            points = np.vstack([points, self._walk(n - points.shape[0], rng, np.vstack([points, self.anchors]))])
+        return points
+
+    def _walk(self, n: int, rng: np.random.Generator, starts: FloatArray) -> FloatArray:
+        """Feasible points (n, k) along a hit-and-run walk."""
+        point = starts[rng.integers(starts.shape[0])].copy()
+        rows = np.empty((n, self.k))
+        for row in range(n):
+            for j in range(self.k):
+                spans = self.line_intervals(point, j)
+                if spans.shape[0] == 0:
+                    continue
+                lengths = spans[:, 1] - spans[:, 0]
+                weights = lengths / lengths.sum() if lengths.sum() > 0.0 else np.full(lengths.size, 1.0 / lengths.size)
+                span = spans[rng.choice(lengths.size, p=weights)]
+                point[j] = rng.uniform(span[0], span[1])
+            rows[row] = point
+            point = point if rng.random() < 0.9 else starts[rng.integers(starts.shape[0])].copy()
+        return rows
 
     def jitter(self, points: FloatArray, radius: FloatArray | float, rng: np.random.Generator) -> FloatArray:
         """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at.
@@ -276,8 +307,16 @@ class Region:
             return points
         good = points[self.slack(points) >= 0.0]
         inner = np.vstack([good, self.anchors])
-        boundary = search.boundary_points(self.continuous, inner, self.slack, limit)
-        return search.distinct(np.vstack([inner, boundary]))
+        found, budget = [inner], max(limit // max(2 * len(self.continuous), 1), 1)
+        starts = inner[:: -(-len(inner) // budget)]
+        for j in self.continuous:
+            for end in (-1.0, 1.0):
+                ends = starts.copy()
+                ends[:, j] = end
+                out = self.slack(ends) < 0.0
+                if np.any(out):
+                    found.append(search.bisect(starts[out], ends[out], self.slack))
+        return search.distinct(np.vstack(found))
 
     def level_combinations(self) -> tuple[tuple[int, ...], ...]:
         """All combinations of level indices of the categorical factors; ``((),)`` where there is none."""
@@ -297,10 +336,47 @@ class Region:
         return intervals
 
     def line_intervals_of(self, points: FloatArray, j: int) -> tuple[FloatArray, IntArray]:
-        """Feasible intervals of factor ``j`` through each of the points (n, k): spans (n, m, 2) and counts (n,)."""
+        """Feasible intervals of factor ``j`` through each of the points (n, k), as of `line_intervals`.
+
+        Returns
+        -------
+        spans : ndarray (n, m, 2)
+            Rows of nan after the last.
+        counts : ndarray (n,)
+            How many intervals each line has.
+        """
         if self.is_box and self.axes[j] is None:
             return np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
-        return search.line_intervals(points, j, self.axes[j], self.slack)
+        n, levels = points.shape[0], self.axes[j]
+        if levels is None:
+            line = np.linspace(-1.0, 1.0, _LINE_SAMPLES)
+            # The point's own place too, so that a narrow interval around it is not missed.
+            lines = np.sort(np.column_stack([np.tile(line, (n, 1)), np.clip(points[:, j], -1.0, 1.0)]), axis=1)
+        else:
+            lines = np.tile(levels, (n, 1))
+        rows = np.repeat(points[:, None, :], lines.shape[1], axis=1)
+        rows[:, :, j] = lines
+        good = (self.slack(rows.reshape(-1, points.shape[1])) >= 0.0).reshape(lines.shape)
+        if levels is not None:
+            first = last = good
+        else:
+            step = np.diff(good.astype(np.int8), prepend=0, append=0, axis=1)
+            first, last = step[:, :-1] == 1, step[:, 1:] == -1
+        counts = np.count_nonzero(first, axis=1)
+        spans = np.full((n, max(int(counts.max(initial=0)), 1), 2), np.nan)
+        for side, marks in enumerate((first, last)):
+            line_of, place = np.nonzero(marks)
+            values = lines[line_of, place]
+            beyond = place + (1 if side else -1)
+            if levels is None:
+                # Between the last feasible sample and the next one lies the boundary.
+                cut = (beyond >= 0) & (beyond < lines.shape[1])
+                if np.any(cut):
+                    inner, outer = rows[line_of[cut], place[cut]], rows[line_of[cut], beyond[cut]]
+                    values[cut] = search.bisect(inner, outer, self.slack)[:, j]
+            position = np.arange(line_of.size) - np.searchsorted(line_of, line_of)
+            spans[line_of, position, side] = values
+        return spans, counts
 
     def centre(self) -> FloatArray:
         """Central point (k,): coded 0, the discrete level nearest to 0, first level of each categorical factor.

@@ -6,19 +6,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.arrays import FloatArray
 
 Axes: TypeAlias = tuple[FloatArray | None, ...]
 Slack: TypeAlias = Callable[[FloatArray], FloatArray]
 
-_LINE_SAMPLES = 65
 _BISECTIONS = 52
-_MAX_DRAWN = 1_000_000
 _SEED = 20_011
 
 
@@ -155,106 +153,3 @@ def bisect(inside: FloatArray, outside: FloatArray, slack: Slack) -> FloatArray:
         inside[good] = middle[good]
         outside[~good] = middle[~good]
     return inside
-
-
-def boundary_points(continuous: Sequence[int], points: FloatArray, slack: Slack, limit: int) -> FloatArray:
-    """Points where lines along the continuous coordinates through feasible ``points`` leave the feasible set."""
-    if not continuous:
-        return points[:0]
-    budget = max(limit // (2 * len(continuous)), 1)
-    starts = points[:: -(-points.shape[0] // budget)]
-    found = [points[:0]]
-    for j in continuous:
-        for end in (-1.0, 1.0):
-            ends = starts.copy()
-            ends[:, j] = end
-            out: BoolArray = slack(ends) < 0.0
-            if np.any(out):
-                found.append(bisect(starts[out], ends[out], slack))
-    return np.vstack(found)
-
-
-def line_intervals(points: FloatArray, j: int, levels: FloatArray | None, slack: Slack) -> tuple[FloatArray, IntArray]:
-    """Feasible intervals of coordinate ``j`` through each of the points (n, k).
-
-    Returns
-    -------
-    spans : ndarray (n, m, 2)
-        Ascending, disjoint, both ends feasible; rows of nan after the last. Levels are intervals of no length.
-    counts : ndarray (n,)
-        How many intervals each line has.
-    """
-    n = points.shape[0]
-    if levels is None:
-        line = np.linspace(-1.0, 1.0, _LINE_SAMPLES)
-        # The point's own place too, so that a narrow interval around it is not missed.
-        lines = np.sort(np.column_stack([np.tile(line, (n, 1)), np.clip(points[:, j], -1.0, 1.0)]), axis=1)
-    else:
-        lines = np.tile(levels, (n, 1))
-    rows = np.repeat(points[:, None, :], lines.shape[1], axis=1)
-    rows[:, :, j] = lines
-    good = (slack(rows.reshape(-1, points.shape[1])) >= 0.0).reshape(lines.shape)
-    if levels is not None:
-        first = last = good
-    else:
-        step = np.diff(good.astype(np.int8), prepend=0, append=0, axis=1)
-        first, last = step[:, :-1] == 1, step[:, 1:] == -1
-    counts = np.count_nonzero(first, axis=1)
-    spans = np.full((n, max(int(counts.max(initial=0)), 1), 2), np.nan)
-    for side, marks in enumerate((first, last)):
-        line_of, place = np.nonzero(marks)
-        values = lines[line_of, place]
-        beyond = place + (1 if side else -1)
-        if levels is None:
-            # Between the last feasible sample and the next one lies the boundary.
-            cut = (beyond >= 0) & (beyond < lines.shape[1])
-            if np.any(cut):
-                inner, outer = rows[line_of[cut], place[cut]], rows[line_of[cut], beyond[cut]]
-                values[cut] = bisect(inner, outer, slack)[:, j]
-        position = np.arange(line_of.size) - np.searchsorted(line_of, line_of)
-        spans[line_of, position, side] = values
-    return spans, counts
-
-
-def sample(
-    axes: Axes,
-    n: int,
-    rng: np.random.Generator,
-    slack: Slack,
-    intervals: Callable[[FloatArray, int], FloatArray],
-    anchors: FloatArray,
-) -> FloatArray:
-    """Feasible random points (n, k) by rejection, completed by a hit-and-run walk where rejection is hopeless."""
-    found: list[FloatArray] = []
-    count, drawn = 0, 0
-    while count < n and drawn < min(10_000 * n, _MAX_DRAWN):
-        size = int(np.clip(4 * (n - count) * max(drawn, 1) / max(count, 1), 1024, 65_536))
-        points = uniform(axes, size, rng)
-        good = points[slack(points) >= 0.0]
-        found.append(good)
-        count += good.shape[0]
-        drawn += size
-    points = np.vstack([np.empty((0, len(axes))), *found])[:n]
-    if points.shape[0] < n:
-        points = np.vstack([points, _walk(n - points.shape[0], rng, intervals, np.vstack([points, anchors]))])
-    return points
-
-
-def _walk(
-    n: int, rng: np.random.Generator, intervals: Callable[[FloatArray, int], FloatArray], starts: FloatArray
-) -> FloatArray:
-    k = starts.shape[1]
-    point = starts[rng.integers(starts.shape[0])].copy()
-    rows = np.empty((n, k))
-    for row in range(n):
-        for j in range(k):
-            spans = intervals(point, j)
-            if spans.shape[0] == 0:
-                continue
-            lengths = spans[:, 1] - spans[:, 0]
-            weights = lengths / lengths.sum() if lengths.sum() > 0.0 else np.full(lengths.size, 1.0 / lengths.size)
-            span = spans[rng.choice(lengths.size, p=weights)]
-            point[j] = rng.uniform(span[0], span[1])
-        rows[row] = point
-        point = point if rng.random() < 0.9 else starts[rng.integers(starts.shape[0])].copy()
-    return rows
