@@ -5,9 +5,9 @@ Equal statements are put together; how rows look on a terminal is the command li
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from seqrsm.catalog.tables import Catalog, Entry, Platform, Range, Table
 
@@ -164,16 +164,11 @@ def _table_row(table: Table) -> dict[str, str]:
     }
 
 
-def _one_row(item: object) -> dict[str, str]:
-    match item:
-        case Entry():
-            return _entry_row(item)
-        case Statement():
-            return _statement_row(item)
-        case Table():
-            return _table_row(item)
-        case _:
-            raise TypeError(f"no rows for {type(item).__name__}")
+_ROW: Final[Mapping[type, Callable[[Any], dict[str, str]]]] = {
+    Entry: _entry_row,
+    Statement: _statement_row,
+    Table: _table_row,
+}
 
 
 def catalog_rows(result: Result) -> Rows:
@@ -193,7 +188,7 @@ def catalog_rows(result: Result) -> Rows:
     """
     if isinstance(result, Catalog):
         result = result.tables
-    rows = [_one_row(item) for item in result]
+    rows = [_ROW[type(item)](item) for item in result]
     columns = tuple(name for name in (rows[0] if rows else ()) if any(row[name] for row in rows))
     return columns, tuple(tuple(row[name] for name in columns) for row in rows)
 

@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterable
 from functools import lru_cache
 
-from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.tables import Entry, Platform, Table
+from seqrsm.catalog.tables import Entry, Platform, Table, load_catalog
 
 _WORD = re.compile(r"[a-z0-9]+")
 _TABLE = re.compile(r"a\.?\s*(\d{1,2})", re.IGNORECASE)

@@ -19,9 +19,8 @@ from functools import lru_cache
 from itertools import pairwise
 from math import inf
 
-from seqrsm.catalog.reader import load_catalog, rows_of
 from seqrsm.catalog.search import entries_about, platforms_called, table_called, words_of
-from seqrsm.catalog.tables import Entry, Range
+from seqrsm.catalog.tables import Entry, Range, load_catalog, rows_of
 from seqrsm.errors import Problem, UserError
 
 #: Where an open side is closed when only one number is printed: value, and the print that gives it.
@@ -290,10 +289,8 @@ def start_ranges(words: str, *, system: str = "active") -> StartRanges:
     Raises
     ------
     UserError
-        No words, a system that is neither, or no entry that holds them all.
+        No words, or no entry that holds them all.
     """
-    if system not in ("active", "passive"):
-        raise UserError(Problem("no such kind of system", "Use active or passive.", field="system", value=system))
     if not words_of(words):
         raise UserError(Problem("no words to look up", "Name an application, such as 'soil moisture'.", value=words))
     entries = entries_about(words, system=system)

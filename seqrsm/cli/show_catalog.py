@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from seqrsm.catalog import Entry, Platform, Table, catalog_rows, load_catalog, summary
+from seqrsm.catalog.rendering import catalog_rows, summary
+from seqrsm.catalog.tables import Entry, Platform, Table, load_catalog
 from seqrsm.cli.console import display, heading, line, say, show_table
 from seqrsm.errors import UserError
 from seqrsm.sensor.named import NamedSensor

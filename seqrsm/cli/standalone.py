@@ -70,7 +70,9 @@ def catalog(
 
     Sensors by name, and requirements of applications in Tables A.1 to A.39 of RSL TR 380-1.
     """
-    from seqrsm.catalog import load_catalog, platforms_called, search, table_called, to_json
+    from seqrsm.catalog.rendering import to_json
+    from seqrsm.catalog.search import platforms_called, search, table_called
+    from seqrsm.catalog.tables import load_catalog
     from seqrsm.cli import show_catalog as show
     from seqrsm.sensor import named
 

@@ -94,7 +94,7 @@ def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | Non
     for index, application in enumerate(applications):
         if application is None or not application.catalog:
             continue
-        from seqrsm.catalog import search  # reads tables that few campaigns need here
+        from seqrsm.catalog.search import search  # reads tables that few campaigns need here
 
         if not application.catalog.strip() or not search(application.catalog, system=system):
             message = f"no {kind}entry of Tables A.1 to A.20 matches this"

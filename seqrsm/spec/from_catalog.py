@@ -15,9 +15,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.catalog.search import words_of
-from seqrsm.catalog.start import Measure, measure_of
+from seqrsm.catalog.start import Measure, StartLevels, StartRange, StartRanges, measure_of, start_ranges
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.file import load_scene

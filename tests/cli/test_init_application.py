@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from seqrsm.campaign import check
-from seqrsm.catalog import load_catalog, start_ranges
-from seqrsm.catalog.start import measure_of
+from seqrsm.catalog.start import measure_of, start_ranges
+from seqrsm.catalog.tables import load_catalog
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.score.utilities import asked_for

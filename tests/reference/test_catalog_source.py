@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from seqrsm.catalog import load_catalog
+from seqrsm.catalog.tables import load_catalog
 
 CATALOG = load_catalog()
 TABLES = {table.number: table for table in CATALOG.tables}

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from seqrsm.catalog import Entry, Range, load_catalog
+from seqrsm.catalog.tables import Entry, Range, load_catalog
 
 CATALOG = load_catalog()
 TABLES = {table.number: table for table in CATALOG.tables}
@@ -122,8 +122,8 @@ def test_range_prints() -> None:
 
 def test_starts_without_heavy_libraries_and_reads_once() -> None:
     code = (
-        "import sys, seqrsm.catalog as c\nassert c.load_catalog() is c.load_catalog()\n"
-        "c.start_ranges('soil moisture')\n"
+        "import sys\nfrom seqrsm.catalog import start, tables\nassert tables.load_catalog() is tables.load_catalog()\n"
+        "start.start_ranges('soil moisture')\n"
         "print(sorted({m.split('.')[0] for m in sys.modules} & {'numpy', 'scipy', 'pandas', 'rich', 'typer'}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

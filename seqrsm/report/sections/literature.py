@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges, summary
-from seqrsm.catalog.search import words_of
+from seqrsm.catalog.rendering import summary
+from seqrsm.catalog.search import search, words_of
+from seqrsm.catalog.start import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.design.factors import CategoricalFactor, Factor, span
 from seqrsm.report.blocks import Block, Paragraph, Section, table
 from seqrsm.report.rounding import NOTHING, format_plain
