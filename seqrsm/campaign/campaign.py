@@ -37,7 +37,7 @@ from seqrsm.store.store import Store, heartbeat
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.campaign.simulation import SimulationTask
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
 
 Progress = Callable[[int, int], None]
 TRIES = 3
@@ -411,8 +411,7 @@ class Campaign:
     ) -> None:
         """Simulate runs that this process holds; those that failed through no fault of theirs are issued again."""
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
-        from seqrsm.simulate.cluster import Lost
-        from seqrsm.simulate.runner import run_many
+        from seqrsm.simulate.runner import Lost, run_many
 
         cells = self.cells_of_ground()
         tasks = [task_of(self.spec, run.run_id, run.proposed, cells) for run in claimed]

@@ -28,7 +28,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
-from seqrsm.simulate.radar.ground import look_up
+from seqrsm.simulate.radar.occasion import look_up
 from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar, tops_counted_twice
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage

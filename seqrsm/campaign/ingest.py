@@ -20,7 +20,7 @@ from seqrsm.plain import shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
-from seqrsm.score.source import TableText, table_text
+from seqrsm.score.table import TableText, table_text
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import (
     IngestedFile,
@@ -33,7 +33,7 @@ from seqrsm.store.records import (
 from seqrsm.store.store import Store
 
 if TYPE_CHECKING:
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ def ingest_files(
     spec : CampaignSpec
         Its factors and applications name the columns.
     sources : sequence of Path, str or DataFrame
-        Files or tables, see :mod:`seqrsm.score.source`; what stands in them: :mod:`seqrsm.score.flight` and
+        Files or tables, see :mod:`seqrsm.score.table`; what stands in them: :mod:`seqrsm.score.flight` and
         :mod:`seqrsm.score.ranking_file`.
     dry_run : bool
         Check and report, write nothing.

@@ -13,8 +13,7 @@ from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
 from seqrsm.scattering.calendar import Fields, fields_by_category, on_day
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
-from seqrsm.simulate.radar.ground import look_up
-from seqrsm.simulate.radar.occasion import nominal_ground_state
+from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import linear_to_db
 

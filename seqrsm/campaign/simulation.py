@@ -26,15 +26,15 @@ from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
 from seqrsm.scattering.worlds import OneAway, World
-from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
+from seqrsm.scene.layers import cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import Member, members_of
-from seqrsm.simulate.cluster import local_file
+from seqrsm.simulate.runner import local_file
 from seqrsm.simulate.visits import Visit
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.campaign.loop import Outcome
     from seqrsm.report.blocks import Section
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
     from seqrsm.spec.read import CampaignSpec
     from seqrsm.store.records import RunRecord
 

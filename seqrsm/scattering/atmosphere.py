@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import COSMIC_BACKGROUND_K
-from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
+from seqrsm.scattering.models import permittivity_water_ulaby14
 from seqrsm.scattering.readers import numbers_of, shipped_rows
 from seqrsm.units import LN10_OVER_10
 
@@ -210,8 +210,6 @@ def rain_db_km(frequency_ghz: float, rain_mm_h: float) -> float:
     rain_mm_h : float
         Rain rate [mm/h], >= 0.
     """
-    if rain_mm_h == 0.0:
-        return 0.0
     x = math.log10(max(frequency_ghz, 1.0))
     values = [10.0 ** _regression(x, "k", p) * rain_mm_h ** _regression(x, "alpha", p) for p in ("H", "V")]
     return float(sum(values)) / len(values)

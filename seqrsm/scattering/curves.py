@@ -15,13 +15,13 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import wavenumber_rad_m
-from seqrsm.scattering.dielectrics import permittivity_soil
 from seqrsm.scattering.models import (
     Backscatter,
     backscatter_layer_ulaby14,
     backscatter_oh04,
     backscatter_oh92,
     backscatter_ulaby89_db,
+    permittivity_soil,
     reflectivity_fresnel,
 )
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, numbers_of, shipped_rows

@@ -21,7 +21,6 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import canopy_share, season_depth
 from seqrsm.scattering.curves import THETA_DEG, shares_of
-from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
     POLARIZATIONS,
     EmissivityCurve,
@@ -29,7 +28,7 @@ from seqrsm.scattering.emissivity_curves import (
     read_curves,
 )
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
-from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
+from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, shipped_rows, unknown_cover
 from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 

@@ -1,13 +1,13 @@
-"""Published backscatter models, each named by quantity, author and year.
+"""Published models of permittivity, reflectivity and backscatter, each named by quantity, author and year.
 
-Every function works on arrays that broadcast together. Angles are incidence angles [rad] below pi/2, permittivity is
-relative with a negative or positive imaginary part alike, and results are linear backscatter coefficients [1] (power
-for an area) unless the name ends in ``_db``.
+Every function works on arrays that broadcast together. Angles are incidence angles [rad] below pi/2. Permittivity is
+relative, with a positive imaginary part for loss; models of backscatter take a negative one alike. Results are linear
+backscatter coefficients [1] (power for an area) unless the name ends in ``_db``.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -152,3 +152,123 @@ def backscatter_ulaby89_db(parameters: ArrayLike, theta: ArrayLike) -> FloatArra
     p1, p2, p3, p4, p5, p6 = np.asarray(parameters, dtype=np.float64)
     theta = np.asarray(theta, dtype=np.float64)
     return np.asarray(p1 + p2 * np.exp(-p3 * theta) + p4 * np.cos(p5 * theta + p6))
+
+
+_VACUUM_F_M: Final = 8.854e-12  # as in the soil model's own constants
+_ALPHA: Final = 0.65
+_QUARTZ_DENSITY: Final = 2.65
+_SAND, _CLAY = 0.3, 0.3  # mass fractions of loam
+_DENSITY: Final = 1.7  # of the dry soil [g/cm^3]
+_SOIL_C: Final = 23.0
+_SMOOTH_GHZ: Final = (1.3, 5.0)
+
+
+def permittivity_water_ulaby14(frequency_ghz: ArrayLike, temperature_c: ArrayLike) -> NDArray[np.complex128]:
+    """Permittivity of pure water by a double Debye spectrum.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 0.1 to 1000.
+    temperature_c : float array
+        Temperature [deg C], 0 to 30.
+
+    Notes
+    -----
+    Ulaby and Long 2014, "Microwave Radar and Radiometric Remote Sensing", section 4-1 (double Debye form).
+    """
+    f, t = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(temperature_c, dtype=np.float64)
+    static = 87.85306 * np.exp(-0.00456992 * t)
+    middle = 0.63000075e1 * np.exp(-0.26242021e-2 * t)
+    high = 0.37245044e1 + 0.92609781e-2 * t
+    slow_ns = 0.17667420e-3 * np.exp(0.58366888e3 / (t + 0.12634992e3))
+    fast_ns = 0.69227972e-4 * np.exp(0.30742330e3 / (t + 0.12634992e3))
+    debye = (static - middle) / (1.0 - 2j * np.pi * f * slow_ns) + (middle - high) / (1.0 - 2j * np.pi * f * fast_ns)
+    return np.asarray(debye + high, dtype=np.complex128)
+
+
+def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[np.complex128]:
+    """Permittivity of moist loam without the published model's step at 1.3 GHz, which is 2.4 in the imaginary part.
+
+    From 1.3 to 5 GHz the effective conductivity goes over from that of Peplinski 1995 to that of Dobson 1985 along the
+    logarithm of frequency (assumed). Elsewhere it is `permittivity_soil_dobson85`. Real soil has no such step: the
+    model of Mironov, Kosolapova and Fomin 2009, IEEE TGRS 47(7), which holds at all these frequencies, has none.
+
+    Parameters
+    ----------
+    frequency_ghz, moisture : float arrays
+        As there.
+    """
+    f = np.asarray(frequency_ghz, dtype=np.float64)
+    return permittivity_soil_dobson85(f, moisture, np.asarray(np.interp(np.log(f), np.log(_SMOOTH_GHZ), (0.0, 1.0))))
+
+
+def permittivity_soil_dobson85(
+    frequency_ghz: ArrayLike, moisture: ArrayLike, share: ArrayLike
+) -> NDArray[np.complex128]:
+    """Permittivity of moist loam, semi-empirical mixing model.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 0.3 to 18.
+    moisture : float array
+        Volumetric moisture [m^3/m^3], above 0.
+    share : float array
+        Of the conductivity of Dobson, the rest of that of Peplinski; as published 0 below 1.3 GHz and 1 from there on.
+
+    Notes
+    -----
+    Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of Peplinski, Ulaby
+    and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
+    Free water: Debye with the relaxation time of Stogryn 1971.
+    """
+    f, mv = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(moisture, dtype=np.float64)
+    low = 0.0467 + 0.22 * _DENSITY - 0.411 * _SAND + 0.661 * _CLAY
+    high = -1.645 + 1.939 * _DENSITY - 2.256 * _SAND + 1.594 * _CLAY
+    conductivity = (1.0 - np.asarray(share)) * low + np.asarray(share) * high
+    water_real, water_imag = _free_water_stogryn71(f, _SOIL_C)
+    pore = (_QUARTZ_DENSITY - _DENSITY) / (_QUARTZ_DENSITY * mv)
+    water_imag = water_imag + pore * conductivity / (2.0 * np.pi * _VACUUM_F_M * f * 1e9)
+    b_real = 1.27 - 0.519 * _SAND - 0.152 * _CLAY
+    b_imag = 2.06 - 0.928 * _SAND - 0.255 * _CLAY
+    real = (1.0 + 0.66 * _DENSITY + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
+    return np.asarray(real + 1j * mv**b_imag * water_imag, dtype=np.complex128)
+
+
+def _free_water_stogryn71(frequency_ghz: FloatArray, t: float) -> tuple[FloatArray, FloatArray]:
+    """Real and imaginary permittivity of the free water in soil at ``t`` [deg C]."""
+    static = 88.045 - 0.4147 * t + 6.295e-4 * t**2 + 1.075e-5 * t**3
+    relaxation = (1.1109e-10 - 3.824e-12 * t + 6.938e-14 * t**2 - 5.096e-16 * t**3) * frequency_ghz * 1e9
+    fall = (static - 4.9) / (1.0 + relaxation**2)
+    return 4.9 + fall, relaxation * fall
+
+
+def permittivity_wet_snow_hallikainen86(
+    frequency_ghz: ArrayLike, dry_density_g_cm3: float, water_percent: float
+) -> NDArray[np.complex128]:
+    """Permittivity of wet snow, modified Debye-like model.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 3 to 37.
+    dry_density_g_cm3 : float
+        Density of the snow without its water [g/cm^3], 0.09 to 0.38.
+    water_percent : float
+        Liquid water by volume [percent], 1 to 12.
+
+    Notes
+    -----
+    Hallikainen, Ulaby and Abdelrazik 1986, IEEE TAP 34(11).
+    """
+    f = np.asarray(frequency_ghz, dtype=np.float64)
+    a1 = 0.78 + 0.03 * f - 0.58e-3 * f**2
+    a2 = 0.97 - 0.39e-2 * f + 0.39e-3 * f**2
+    b1 = 0.31 - 0.05 * f + 0.87e-3 * f**2
+    a = a1 * (1.0 + 1.83 * dry_density_g_cm3 + 0.02 * water_percent**1.015) + b1
+    wet = water_percent**1.31
+    ratio = f / 9.07
+    real = a + 0.073 * a1 * wet / (1.0 + ratio**2)
+    imaginary = 0.073 * a2 * ratio * wet / (1.0 + ratio**2)
+    return np.asarray(real + 1j * imaginary, dtype=np.complex128)

@@ -14,8 +14,13 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import wavenumber_rad_m
 from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, at_nodes, limit_db, weakest
-from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_wet_snow_hallikainen86
-from seqrsm.scattering.models import backscatter_oh92, backscatter_ulaby89_db, reflectivity_fresnel
+from seqrsm.scattering.models import (
+    backscatter_oh92,
+    backscatter_ulaby89_db,
+    permittivity_soil,
+    permittivity_wet_snow_hallikainen86,
+    reflectivity_fresnel,
+)
 from seqrsm.scattering.readers import POLARIZATIONS, Row, numbers_of, shipped_rows
 from seqrsm.units import db_to_linear, linear_to_db
 
@@ -56,7 +61,8 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         value, frequencies, wind = own.value_db, own.frequency_ghz, own.wind_m_s
     elif model == "ice":
         frequencies, wind = own.frequency_ghz, np.zeros(1)
-        value = np.stack([_ice_db(float(f)) for f in frequencies])[np.newaxis]
+        ice = [backscatter_oh92(_ICE, wavenumber_rad_m(float(f)) * _ICE_RMS_M, _THETA) for f in frequencies]
+        value = np.maximum(linear_to_db(np.array(ice)), FLOOR_DB)[np.newaxis]
         status = (("assumed",) * 3,) * len(frequencies)
     else:
         frequencies, wind = own.frequency_ghz, own.wind_m_s
@@ -84,12 +90,6 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         status=status,
         notes=(*(own.notes if model != "ice" else ()), note),
     )
-
-
-def _ice_db(frequency_ghz: float) -> FloatArray:
-    """Lake ice (3, 91) [dB]."""
-    ks = wavenumber_rad_m(frequency_ghz) * _ICE_RMS_M
-    return np.maximum(linear_to_db(np.stack(backscatter_oh92(_ICE, ks, _THETA))), FLOOR_DB)
 
 
 def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tuple[FloatArray, FloatArray]:

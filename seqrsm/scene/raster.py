@@ -80,8 +80,11 @@ def import_scene(
     height = read_geotiff(str(elevation), "elevation", _band_of(chosen, "elevation"))
 
     def read(layer: str) -> Raster:
-        raster = read_geotiff(str(given[layer]), layer, _band_of(chosen, layer))
-        _same_system(height, raster, str(given[layer]))
+        file, raster = str(given[layer]), read_geotiff(str(given[layer]), layer, _band_of(chosen, layer))
+        if None not in (height.epsg, raster.epsg) and height.epsg != raster.epsg:
+            remedy = f"Bring all to one, for instance: gdalwarp -t_srs EPSG:{height.epsg} {file} projected.tif"
+            text = f"the rasters differ in coordinate system: EPSG {height.epsg} and EPSG {raster.epsg}"
+            raise SceneError(Problem(text, remedy, file=file))
         return raster
 
     kind = height if is_vector(cover) else read("cover")
@@ -193,13 +196,6 @@ def _check_parts(chosen: Mapping[str, int | str], given: Mapping[str, str | Path
 
 def _band_of(chosen: Mapping[str, int | str], layer: str) -> int | None:
     return int(chosen[layer]) if layer in chosen else None
-
-
-def _same_system(one: Raster, other: Raster, file: str) -> None:
-    if None not in (one.epsg, other.epsg) and one.epsg != other.epsg:
-        remedy = f"Bring all to one, for instance: gdalwarp -t_srs EPSG:{one.epsg} {file} projected.tif"
-        text = f"the rasters differ in coordinate system: EPSG {one.epsg} and EPSG {other.epsg}"
-        raise SceneError(Problem(text, remedy, file=file))
 
 
 def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict[int, int]]:

@@ -54,11 +54,12 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     known = max(int(count.sum()), 1)
     n_fields, median = field_sizes(scene.field_id)
     z = scene.elevation_m
+    slopes = (part for both in known_slopes(z, scene.cell_m) for part in both)
     return SceneStatistics(
         low_m=float(np.fmin.reduce(z, axis=None)),  # nan where none is known
         high_m=float(np.fmax.reduce(z, axis=None)),
         rms_slope=rms_slope(z, scene.cell_m),
-        max_slope=_largest_slope(z, scene.cell_m),
+        max_slope=max((float(np.abs(part).max(initial=0.0)) for part in slopes), default=0.0),
         category_fractions={name: float(n) / known for name, n in zip(scene.categories, count, strict=True)},
         scored_fraction=float(scene.scored.mean()),
         boundary_density_1_m=_boundary_density(scene.cover, scene.cell_m),
@@ -81,11 +82,6 @@ def _counts(layer: AnyArray, n: int) -> AnyArray:
     for own in strips(*layer.shape):
         total += np.bincount(layer[own].ravel(), minlength=n)
     return total
-
-
-def _largest_slope(z: AnyArray, cell_m: float) -> float:
-    """Largest slope along one axis; 0 where no slope is known."""
-    return max((float(np.abs(part).max(initial=0.0)) for both in known_slopes(z, cell_m) for part in both), default=0.0)
 
 
 def _boundary_density(label: AnyArray, cell_m: float) -> float:

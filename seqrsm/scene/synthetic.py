@@ -48,8 +48,6 @@ def synthetic_scene(
     SceneError
         Impossible size, relief, field or seed.
     """
-    if not categories:
-        raise SceneError(Problem("a scene needs a category", "Name one or more", field="categories"))
     if rows * cols > MAX_CELLS:
         text = f"{rows} x {cols} cells are more than {MAX_CELLS}"
         raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))

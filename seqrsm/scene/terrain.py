@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.errors import Problem, SceneError
 
 _CELLS_AT_ONCE = 4_000_000
 """Cells of a large terrain worked on at a time: the work space of all of them would be many times their own."""
@@ -72,9 +71,9 @@ def fractal_terrain(rows: int, cols: int, *, relief_m: float, seed: int, exponen
     Parameters
     ----------
     rows, cols : int
-        Size [cells].
+        Size [cells], two at least.
     relief_m : float
-        Difference between the highest and the lowest point [m]; 0 gives a plane.
+        Difference between the highest and the lowest point [m], 0 at least, which gives a plane.
     seed : int
         Seed of the phases.
     exponent : float
@@ -86,19 +85,11 @@ def fractal_terrain(rows: int, cols: int, *, relief_m: float, seed: int, exponen
     float64 array (rows, cols)
         Height above the lowest point [m].
 
-    Raises
-    ------
-    SceneError
-        Fewer than two rows or columns, or a relief below 0.
-
     Notes
     -----
     Spectral synthesis, Voss 1985, "Random fractal forgeries". The grid is made twice as large as wanted and cut, since
     the synthesis is periodic.
     """
-    if relief_m < 0.0 or min(rows, cols) < 2:
-        message = f"no terrain of {rows} x {cols} cells with {relief_m} m relief"
-        raise SceneError(Problem(message, "Give at least 2 x 2 cells and a relief >= 0"))
     if relief_m == 0.0:
         return np.zeros((rows, cols))
     k_row, k_col = np.fft.fftfreq(2 * rows), np.fft.rfftfreq(2 * cols)

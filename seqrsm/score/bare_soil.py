@@ -16,8 +16,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import Evidence, evidence_of
-from seqrsm.simulate.radar.ground import look_up
-from seqrsm.simulate.radar.occasion import nominal_ground_state
+from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.visits import moisture_spread
 from seqrsm.units import linear_to_db
 

@@ -130,14 +130,14 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     """
     pixel = seen_pixels(image)
     moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
-    block, n_blocks = _blocks(scene)
+    block, n_blocks = squares_of(scene, BLOCK_M)
     found = retrieved_moisture(image, scene, pixel, block, n_blocks)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
 
 
-def _blocks(scene: Scene) -> tuple[AnyArray, int]:
-    """Square of ground (rows, columns) of each cell, and how many there are."""
-    size = max(BLOCK_M / scene.cell_m, 1.0)
+def squares_of(scene: Scene, side_m: float) -> tuple[AnyArray, int]:
+    """Square of ground (rows, columns) of each cell, so wide or of one cell, and how many there are."""
+    size = max(side_m / scene.cell_m, 1.0)
     row, column = (np.floor(np.arange(n) / size).astype(np.int64) for n in scene.shape)
     across = int(column[-1]) + 1
     return row[:, None] * across + column, (int(row[-1]) + 1) * across

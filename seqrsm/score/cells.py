@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from seqrsm.errors import Problem, ScoresFileError
-from seqrsm.score.source import table_text
-from seqrsm.score.table import read_table
+from seqrsm.score.table import read_table, table_text
 from seqrsm.units import reciprocal_factor, unit_factor, units_like
 
 if TYPE_CHECKING:
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
 
 MAX_PROBLEMS = 100
 
@@ -117,7 +116,7 @@ class CellReader:
     Parameters
     ----------
     source : Path, str, DataFrame or TableText
-        See `seqrsm.score.source.table_text`.
+        See `seqrsm.score.table.table_text`.
     factors : sequence of FactorColumn
     measures : sequence of Measure
         Applications that may stand in the file.

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name
 
 if TYPE_CHECKING:
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
 
 SOURCES = ("flight", "simulation")
 MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
@@ -97,7 +97,7 @@ def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: 
     Parameters
     ----------
     source : Path, str, DataFrame or TableText
-        See `seqrsm.score.source.table_text`.
+        See `seqrsm.score.table.table_text`.
     factors : sequence of FactorColumn
         Every factor must have its column.
     measures : sequence of Measure

@@ -19,8 +19,7 @@ from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.score.source import table_text
-from seqrsm.score.table import read_table
+from seqrsm.score.table import read_table, table_text
 
 _LEAST_SHARE = 1e-3  # of a label that the table never saw with a cover: no table is large enough to rule it out
 _NUMBERS = "Give counts or per cent, 0 or more."

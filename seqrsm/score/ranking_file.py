@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
 
 if TYPE_CHECKING:
-    from seqrsm.score.source import TableSource
+    from seqrsm.score.table import TableSource
 
 COLUMNS = ("run_id", "interpreter", "rank", "application", "session")
 REQUIRED = ("run_id", "interpreter", "rank")

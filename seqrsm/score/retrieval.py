@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.score.brightness import squares_of
 from seqrsm.score.classification import UtilityScore, cluster_ratio, halves
 from seqrsm.score.evidence import layers_of, pixels_of
 from seqrsm.score.utilities import Asked
@@ -119,11 +120,8 @@ def _blocks(
     scene: Scene, asked: AnyArray, error: FloatArray, tile: IntArray, block_m: float
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Mean error of each block, its cells, and the tile of its first cell."""
-    row, column = np.nonzero(asked)
-    size = max(block_m / scene.cell_m, 1.0)
-    across = math.ceil(scene.shape[1] / size) + 1
-    code = np.floor(row / size).astype(np.int64) * across + np.floor(column / size).astype(np.int64)
-    _, first, block = np.unique(code, return_index=True, return_inverse=True)
+    square = squares_of(scene, block_m)[0][asked]
+    _, first, block = np.unique(square, return_index=True, return_inverse=True)
     cells = np.bincount(block).astype(np.float64)
     mean = np.bincount(block, weights=error) / cells
     return mean, cells, np.unique(tile[first], return_inverse=True)[1].astype(np.int64)

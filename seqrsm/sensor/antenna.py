@@ -89,8 +89,6 @@ def atmosphere_factor(zenith_loss_db: float, incidence_rad: FloatArray) -> Float
     float64 array
         Loss by the path through a shell of 8 km: the secant of the angle up to some 75 deg, finite at the horizon.
     """
-    if zenith_loss_db == 0.0:
-        return np.ones(np.shape(incidence_rad))
     cosine = np.cos(np.asarray(incidence_rad, dtype=np.float64))
     a = EARTH_RADIUS_M / _ATMOSPHERE_M
     # (sqrt((a + 1)**2 - a**2 sin**2) - a cos) with the difference of large numbers taken out.

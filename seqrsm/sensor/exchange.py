@@ -54,7 +54,8 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> Ra
     taken: dict[str, Any] = {row.field: getattr(of[row.part], row.field) for row in RADAR.values() if row.part}
     angle, cell = of["angle"], of["cell and looks"]
     across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
-    taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * float(_sine(angle)))
+    sine = angle.slant_resolution_m / float(angle.ground_resolution_m(angle.centre_incidence_rad))
+    taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * sine)
     if of["frequency"] is not cell and cell.aperture == "real" and cell.azimuth_beamwidth_deg is None:
         taken["antenna_length_m"] = cell.antenna_length_m * of["frequency"].wavelength_m / cell.wavelength_m
     taken |= pulses(taken["channels"], taken["antenna_length_m"], angle.speed_m_s)
@@ -83,10 +84,6 @@ def _radiometer(
         taken |= {"receiver": "total_power", "gain_fluctuation": 0.0, "bandwidth_mhz": base.bandwidth_mhz * wider}
         taken["noise_temperature_k"] = max(system_k - _GROUND_K, 0.0)
     return replace(base, **taken)
-
-
-def _sine(radar: RadarConfiguration) -> float:
-    return radar.slant_resolution_m / float(radar.ground_resolution_m(radar.centre_incidence_rad))
 
 
 def as_parameters(sensor: Sensor) -> dict[str, float | str]:

@@ -146,7 +146,7 @@ class RadarConfiguration:
         Wind speed over water of a run is uniform between them [m/s].
     texture_db, texture_m : float
         How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
-        these parts [m] (`seqrsm.simulate.radar.ground.with_texture`).
+        these parts [m] (`seqrsm.simulate.radar.occasion`).
     tree_height_m, building_height_m : float
         Height of Trees and of Buildings above the scene's elevations [m] (assumed); they are opaque, and what lies
         behind them is in shadow. 0 where the elevations are those of the tops (a surface model). Crops are taken as

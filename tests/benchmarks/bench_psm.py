@@ -37,10 +37,14 @@ from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import echo, psm  # noqa: E402
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
 from seqrsm.simulate.radar.frame import make_frame  # noqa: E402
-from seqrsm.simulate.radar.ground import look_up  # noqa: E402
-from seqrsm.simulate.radar.occasion import nominal_ground_state, nominal_occasion  # noqa: E402
+from seqrsm.simulate.radar.occasion import (  # noqa: E402
+    draw_occasion,
+    look_up,
+    nominal_ground_state,
+)
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 from seqrsm.simulate.radar.receiver import picture  # noqa: E402
+from seqrsm.simulate.visits import ONCE  # noqa: E402
 
 CELL_M, RESOLUTION_M = 5.0, 25.0
 TABLE = Table(tuple(np.linspace(-20.0, -6.0, 10)), 0.15)
@@ -114,7 +118,7 @@ def naive(s: Scene, r: RadarConfiguration, *, fading_a_cell: bool = False) -> np
 
 
 def chain(s: Scene, r: RadarConfiguration, threads: int = 1) -> np.ndarray:
-    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False, threads=threads))
+    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, threads=threads))
 
 
 def triad_gb_s() -> float:
@@ -287,15 +291,15 @@ def stages(s: Scene, r: RadarConfiguration) -> list[tuple[str, float]]:
     """Time of each part of the chain [s]."""
     state = nominal_ground_state(r)
     looks = look_up(s, r, TABLE, state)
-    occasion = nominal_occasion(looks, categories_of_fields(s), state)
+    occasion = draw_occasion(r, looks, categories_of_fields(s), state, ONCE, seed=1, run_id=1)
     lut, factor = sigma0_lut(looks, occasion), field_factors(occasion)
     frame = make_frame(s, r, "float32")
     grid = echo_grid(frame, r)
-    image = simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False)
+    image = simulate_radar(s, r, TABLE, seed=1, run_id=1)
     n = max(20_000_000 // s.elevation_m.size, 7)
     one_pass = best_of(n, lambda: echo_sums(frame, r, grid, lut, factor))
     table = best_of(n, lambda: sigma0_lut(looks, occasion))
-    whole = best_of(n, lambda: simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False))
+    whole = best_of(n, lambda: simulate_radar(s, r, TABLE, seed=1, run_id=1))
     tone = best_of(n, lambda: picture(image))
     return [
         ("shadow, incidence, sigma0, power, range bins (one pass)", one_pass),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm.rng import generator
-from seqrsm.simulate.cluster import local_file
+from seqrsm.simulate.runner import local_file
 
 
 def draw(run_id: int) -> float:

@@ -20,9 +20,8 @@ from typer.testing import CliRunner
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
-from seqrsm.simulate import cluster as cluster_module
-from seqrsm.simulate.cluster import Lost
-from seqrsm.simulate.runner import run_many
+from seqrsm.simulate import runner
+from seqrsm.simulate.runner import Lost, run_many
 from seqrsm.store.store import Store
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
@@ -144,7 +143,7 @@ def test_a_result_that_is_not_there_when_it_is_fetched_is_waited_for(address, mo
 
 
 def test_a_run_that_fails_for_want_of_time_is_not_taken_for_one_whose_result_is_late(address, monkeypatch):
-    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    monkeypatch.setattr(runner, "PATIENCE_S", 1)
     with pytest.raises(TimeoutError, match=r"^[01]$"):
         list(run_many(cluster_jobs.time_out, range(2), cluster=address))
 
@@ -194,12 +193,12 @@ def test_what_was_fetched_is_not_kept_on_the_cluster_and_made_again_when_a_worke
 
 
 def test_a_long_run_is_waited_for(address, monkeypatch):
-    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    monkeypatch.setattr(runner, "PATIENCE_S", 1)
     assert dict(run_many(cluster_jobs.doze, [4.5], cluster=address)) == {0: 4.5}
 
 
 def test_a_run_that_the_scheduler_forgot_is_sent_again(address, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    monkeypatch.setattr(runner, "PATIENCE_S", 1)
     runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=address)
     assert next(runs) == (0, 0)
     with distributed.Client(address, set_as_default=False) as other:
@@ -210,17 +209,17 @@ def test_a_run_that_the_scheduler_forgot_is_sent_again(address, tmp_path, monkey
 
 def test_a_cluster_that_stands_still_is_given_up(tmp_path, monkeypatch):
     """Its workers died and did not come back."""
-    monkeypatch.setattr(cluster_module, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(runner, "PATIENCE_S", 0.2)
     with serving(tmp_path, workers=0) as (empty, _), pytest.raises(UserError, match="is idle"):
         list(run_many(cluster_jobs.draw, range(3), cluster=empty))
 
 
 def test_a_scheduler_that_does_not_answer_is_lost(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    monkeypatch.setattr(runner, "PATIENCE_S", 1)
     with serving(tmp_path) as (frozen, process):
         runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=frozen)
         assert next(runs) == (0, 0)
-        monkeypatch.setattr(cluster_module, "CONNECT_S", 1)
+        monkeypatch.setattr(runner, "CONNECT_S", 1)
         os.kill(process.pid, signal.SIGSTOP)
         with pytest.raises(UserError, match="lost during runs"):
             list(runs)
@@ -272,6 +271,6 @@ def test_a_connection_that_breaks_between_the_end_of_a_run_and_its_result(addres
 
 
 def test_no_scheduler_at_all(monkeypatch):
-    monkeypatch.setattr(cluster_module, "CONNECT_S", 1)
+    monkeypatch.setattr(runner, "CONNECT_S", 1)
     with pytest.raises(UserError, match="no cluster responds"):
         list(run_many(cluster_jobs.draw, range(3), cluster="tcp://127.0.0.1:9"))

@@ -24,8 +24,8 @@ HOMES = {
     "pydantic": ("spec/",),
     "emcee": ("fit/ensemble",),
     "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels"),
-    "pandas": ("score/source.py", "cli/notebook.py"),
-    "distributed": ("simulate/cluster.py",),
+    "pandas": ("score/table.py", "cli/notebook.py"),
+    "distributed": ("simulate/runner.py",),
     "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),
 }
 

@@ -11,9 +11,8 @@ from psm_cases import radar
 from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scene.coarse import coarse_scene
 from seqrsm.scene.file import load_scene, save_scene
-from seqrsm.scene.layers import moisture_of_fields
+from seqrsm.scene.layers import coarse_scene, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -34,10 +33,9 @@ def site(layer=True):
 
 def test_bare_fields_answer_as_the_table_says_for_their_moisture():
     table = load_sigma0_table()
-    r = radar(resolution_m=20.0, fading="none", frequency_ghz=1.25, channels=("HH",), peak_power_w=1e6)
-    wet, even = (
-        simulate_radar(site(layer), r, table, seed=1, run_id=1, random_occasion=False) for layer in (True, False)
-    )
+    wetness = {"soil_moisture_low": 0.2, "soil_moisture_high": 0.2}
+    r = radar(resolution_m=20.0, fading="none", frequency_ghz=1.25, channels=("HH",), peak_power_w=1e6, **wetness)
+    wet, even = (simulate_radar(site(layer), r, table, seed=1, run_id=1) for layer in (True, False))
     change = 10.0 * np.log10(wet.mean_power[0] / even.mean_power[0])
     theta = np.rad2deg(r.centre_incidence_rad)
 

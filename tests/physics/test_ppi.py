@@ -33,7 +33,7 @@ def ppi(**changes):
 
 
 def quiet(s, r, table=None, **options):
-    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, random_occasion=False, **options)
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 def flat(n=160, cell=10.0, **layers):

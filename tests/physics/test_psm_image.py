@@ -30,7 +30,7 @@ def binned(p, r, first=-400, n_bins=3000):
 
 
 def quiet(s, r, table=None, **options):
-    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, random_occasion=False, **options)
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 1e-6)])

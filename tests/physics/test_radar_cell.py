@@ -19,7 +19,7 @@ def response(shape: str) -> np.ndarray:
     cover[60, 60] = 1
     s = scene(np.zeros((121, 121)), 5.0, cover)
     one = radar(resolution_m=20.0, pixel_m=5.0, cell_shape=shape)
-    found = simulate_radar(s, one, Table((-200.0, 0.0)), seed=1, run_id=1, random_occasion=False)
+    found = simulate_radar(s, one, Table((-200.0, 0.0)), seed=1, run_id=1)
     return np.asarray(found.mean_power[0] / found.calibration_w[:, None])
 
 

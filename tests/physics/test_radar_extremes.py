@@ -15,7 +15,7 @@ from seqrsm.simulate.radar.receiver import picture
 
 
 def quiet(s, r, table=None, **options):
-    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, random_occasion=False, **options)
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 def apparent(image):
@@ -103,7 +103,7 @@ def test_a_vertical_cliff_hides_ground_and_keeps_its_power():
 @pytest.mark.parametrize("looks", [1.0, 1000.0, 1e6])
 def test_looks_from_one_to_a_million(looks):
     r = radar(looks=looks, resolution_m=2000.0, bandwidth_mhz=100.0, altitude_m=200e3, prf_hz=500.0, peak_power_w=1e6)
-    image = simulate_radar(scene(np.zeros((60, 60)), 500.0), r, Table((-5.0,)), seed=1, run_id=1, random_occasion=False)
+    image = simulate_radar(scene(np.zeros((60, 60)), 500.0), r, Table((-5.0,)), seed=1, run_id=1)
     ratio = image.intensity[0] / (image.mean_power[0] + image.noise_power_w[:, None])
     se = 1.0 / np.sqrt(looks * ratio.size)
     assert ratio.mean() == pytest.approx(1.0, abs=5.0 * se)

@@ -16,7 +16,7 @@ TABLE = Table((-10.0, -8.0))
 
 
 def still(s, r, table, **options):
-    return simulate_radar(s, r, table, seed=1, run_id=1, random_occasion=False, **options)
+    return simulate_radar(s, r, table, seed=1, run_id=1, **options)
 
 
 def row_of(name: str, cell_m: float = 2.0, at: int = 40):

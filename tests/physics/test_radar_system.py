@@ -29,7 +29,7 @@ RE = 6_371_008.8
 
 
 def quiet(s, r, table=None, **options):
-    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, random_occasion=False, **options)
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 def on_the_sphere(arc, z, height):

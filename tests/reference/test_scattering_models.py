@@ -10,18 +10,16 @@ import numpy as np
 import pytest
 
 from seqrsm.scattering.atmosphere import cloud_db_per_kg_m2
-from seqrsm.scattering.dielectrics import (
-    permittivity_soil,
-    permittivity_soil_dobson85,
-    permittivity_water_ulaby14,
-    permittivity_wet_snow_hallikainen86,
-)
 from seqrsm.scattering.emissivity import emissivity_mo82
 from seqrsm.scattering.models import (
     backscatter_layer_ulaby14,
     backscatter_oh04,
     backscatter_oh92,
     backscatter_ulaby89_db,
+    permittivity_soil,
+    permittivity_soil_dobson85,
+    permittivity_water_ulaby14,
+    permittivity_wet_snow_hallikainen86,
     reflectivity_fresnel,
 )
 from seqrsm.scattering.readers import DATA, read_rows

@@ -12,7 +12,7 @@ from seqrsm.campaign.campaign import MAX_ATTEMPTS, TRIES, Campaign
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.errors import StoreError
 from seqrsm.simulate import runner
-from seqrsm.simulate.cluster import Lost
+from seqrsm.simulate.runner import Lost
 from seqrsm.store import store as store_module
 from seqrsm.store.records import NewRun, NewScore
 from seqrsm.store.schema import RUNS

@@ -59,7 +59,7 @@ def radar_row(study: str, x: float, scene: Scene, table: object, **changes: obje
     try:
         given = psm_cases.radar(**changes)
         one, two = (
-            simulate_radar(scene, given, table, seed=1, run_id=1, precision=p, random_occasion=False)  # type: ignore[arg-type]
+            simulate_radar(scene, given, table, seed=1, run_id=1, precision=p)  # type: ignore[arg-type]
             for p in ("float32", "float64")
         )
     except UserError as error:
@@ -109,7 +109,7 @@ def dynamic_range() -> Iterator[Row]:
             given = psm_cases.radar(fading="none", earth="flat", resolution_m=resolution)
             for precision in ("float32", "float64"):
                 image, plain = (
-                    simulate_radar(scene, given, table, seed=1, run_id=1, precision=precision, random_occasion=False)  # type: ignore[arg-type]
+                    simulate_radar(scene, given, table, seed=1, run_id=1, precision=precision)  # type: ignore[arg-type]
                     for table in (weak, strong)
                 )
                 # Pixels wholly inside weak fields: their power is that of a strong one less the contrast.

@@ -109,7 +109,7 @@ def of_flight(path: Path) -> list[str]:
              "resolution": window * flevoland.CELL_M},
             {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 8000.0},
         )  # fmt: skip
-        image = simulate_radar(one_cover, one, load_sigma0_table(), seed=19, run_id=0, random_occasion=False)
+        image = simulate_radar(one_cover, one, load_sigma0_table(), seed=19, run_id=0)
         pixel, n = image.pixel_of_cell.ravel(), image.intensity[0].size
         mean = np.stack([np.bincount(pixel, p, n) / np.bincount(pixel, minlength=n) for p in power])
         image = replace(

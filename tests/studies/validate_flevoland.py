@@ -38,7 +38,7 @@ from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.cover import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate.radar import ground  # noqa: E402
+from seqrsm.simulate.radar import occasion  # noqa: E402
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 
@@ -184,11 +184,11 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
     known = scene(0) if variant == "labels' edges" else scene()
     found = []
     if variant.startswith("own"):
-        ground.draw_occasion = lambda *given, **more: own_occasion(
+        occasion.draw_occasion = lambda *given, **more: own_occasion(
             variant, draw_occasion(*given, **more), radar.channels
         )
     else:
-        ground.draw_occasion = draw_occasion
+        occasion.draw_occasion = draw_occasion
     for run in range(1, runs + 1):
         image = simulate_radar(known, radar, table(variant), seed=1989, run_id=run)
         found.append(percent_correct([image], known, seed=1989, run_id=run, tile_m=24 * CELL_M).value)

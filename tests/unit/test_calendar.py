@@ -18,8 +18,7 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
-from seqrsm.simulate.radar.ground import look_up
-from seqrsm.simulate.radar.occasion import draw_occasion
+from seqrsm.simulate.radar.occasion import draw_occasion, look_up
 from seqrsm.simulate.visits import (
     Visit,
     deviates,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seqrsm.scene.coarse import cells_in_one, coarse_scene
+from seqrsm.scene.layers import cells_in_one, coarse_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 

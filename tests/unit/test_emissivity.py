@@ -11,10 +11,9 @@ from scipy import optimize
 
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import canopy_share, season_depth
-from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity import MOISTURE_NODES, emissivity_mo82, load_emissivity_table
 from seqrsm.scattering.emissivity_curves import interpolated
-from seqrsm.scattering.models import reflectivity_fresnel
+from seqrsm.scattering.models import permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.sigma0 import load_sigma0_table
 
 TABLE = load_emissivity_table()

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from seqrsm.errors import ScoresFileError
-from seqrsm.score import cells, source
+from seqrsm.score import cells, table
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import binomial_percent, read_scores
 from seqrsm.units import unit_factor
@@ -218,7 +218,7 @@ def test_missing_and_large_files(tmp_path, monkeypatch):
         read_scores(tmp_path / "absent.csv", FACTORS, CROPS)
     path = tmp_path / "large.csv"
     path.write_text(PLAIN)
-    monkeypatch.setattr(source, "MAX_BYTES", 10)
+    monkeypatch.setattr(table, "MAX_BYTES", 10)
     with pytest.raises(ScoresFileError, match="split it"):
         read_scores(path, FACTORS, CROPS)
 

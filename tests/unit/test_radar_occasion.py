@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seqrsm.sensor.radar import from_settings
-from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, nominal_ground_state, nominal_occasion
+from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, nominal_ground_state
 from seqrsm.simulate.visits import ONCE
 
 
@@ -82,6 +82,3 @@ def test_the_record_is_plain_data():
     record = json.loads(json.dumps(o.record(("HH", "VV"), ("Wheat", "Water"))))
     assert record["soil_moisture"] == 0.2
     assert set(record["class_offset_db"]["HH"]) == {"Wheat", "Water"}
-    still = nominal_occasion([lookup()], fields_of_two, (0.2, 5.0))
-    assert not still.field_offset_db.any()
-    assert not still.class_offset_db.any()

@@ -15,8 +15,7 @@ import pytest
 
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
-from seqrsm.simulate.cluster import Lost
-from seqrsm.simulate.runner import run_many, start_workers
+from seqrsm.simulate.runner import Lost, run_many, start_workers
 
 
 def draw(run_id: int) -> float:

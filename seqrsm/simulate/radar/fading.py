@@ -132,13 +132,9 @@ def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
 @lru_cache(maxsize=1)  # the channels of an image ask for the same
 def _tables(looks: bytes) -> tuple[FloatArray, IntArray]:
     different, which = np.unique(np.frombuffer(looks), return_inverse=True)
-    return _basis(different) @ _series(), which
-
-
-def _basis(looks: FloatArray) -> FloatArray:
     # T_k(cos a) = cos(k a): the recurrence in Python takes ten times as long.
-    angle = np.arccos(2.0 / np.sqrt(looks) - 1.0)
-    return np.asarray(np.cos(np.arange(_ORDER + 1) * angle[:, None]))
+    angle = np.arccos(2.0 / np.sqrt(different) - 1.0)
+    return np.cos(np.arange(_ORDER + 1) * angle[:, None]) @ _series(), which
 
 
 @lru_cache(maxsize=1)

@@ -19,7 +19,6 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.rng import stream_key
-from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
@@ -36,17 +35,16 @@ from seqrsm.simulate.radar.echo import (
 )
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading, spread
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
-from seqrsm.simulate.radar.ground import MOISTURE_RANGE, look_up, met_occasion, with_moisture
 from seqrsm.simulate.radar.occasion import (
     Occasion,
     draw_ground_state,
-    nominal_ground_state,
-    nominal_occasion,
+    look_up,
+    met_occasion,
 )
 from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
-from seqrsm.simulate.visits import ONCE, Visit, known_moisture
+from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
 
 if TYPE_CHECKING:
@@ -62,7 +60,6 @@ def simulate_radar(
     seed: int,
     run_id: int,
     precision: Precision = "float32",
-    random_occasion: bool = True,
     threads: int = 1,
     targets: Sequence[CulturalTarget] = (),
     visit: Visit = ONCE,
@@ -81,8 +78,6 @@ def simulate_radar(
     precision : {"float32", "float64"}
         Element type of the arrays. Single precision is for use, double for reference; see the tests for how far they
         differ (a median of some 1e-7 of a pixel's power).
-    random_occasion : bool
-        False takes the table's own values and the middle of the ranges of moisture and wind, for pictures and tests.
     threads : int
         Threads that share the columns of a large scene.
     targets : sequence of CulturalTarget
@@ -105,14 +100,9 @@ def simulate_radar(
     """
     frame = make_frame(scene, radar, precision)
     key = {"seed": seed, "run_id": run_id}
-    state = draw_ground_state(radar, visit, **key) if random_occasion else nominal_ground_state(radar)
+    state = draw_ground_state(radar, visit, **key)
     lookups = look_up(scene, radar, table, state, visit.day)
-    if random_occasion:
-        occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
-    else:
-        still = nominal_occasion(lookups, categories_of_fields(scene), state)
-        moisture = known_moisture(scene, radar, state[0], MOISTURE_RANGE)
-        occasion = with_moisture(still, moisture, scene, radar, table, lookups, visit.day)
+    occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
     grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     if targets:

@@ -157,37 +157,25 @@ def picture(image: RadarImage) -> AnyArray:
     -------
     uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
     """
-    intensity_in, bits = image.intensity, image.radar.n_bits
-    tone = _tone_of(image)
-    out = np.empty(intensity_in.shape, dtype=_level_type(bits))
-    for channel, plane in enumerate(intensity_in):
-        out[channel] = to_levels(tone(plane, channel), bits)
-    return out
-
-
-def _tone_of(image: RadarImage) -> Callable[[AnyArray, int], AnyArray]:
-    """Tone, not yet rounded, of intensities of one channel and the number of that channel."""
-    radar = image.radar
-    bits, decibels = radar.n_bits, radar.dynamic_range_db
+    radar, bits, decibels = image.radar, image.radar.n_bits, image.radar.dynamic_range_db
     minimum = radar.i_min_w
     if radar.i_c_w is not None and radar.i_qc is not None:
         minimum = least_intensity(radar.i_c_w, radar.i_qc, bits, decibels)
-    if minimum is not None:
-        least = minimum
-        return lambda x, _: quantised_intensity(x, least, bits, decibels)
-    if radar.p_rc_w is not None and radar.g_rc is not None:
-        known, known_tone = np.full(len(image.intensity), radar.p_rc_w), float(radar.g_rc)
-    else:
-        known, known_tone = np.array([_median(plane) for plane in image.intensity]), 0.5 * (2.0**bits - 1.0)
-    calibration = film_density(known, radar.film_gamma, radar.film_k)
-
-    def tone(x: AnyArray, channel: int) -> AnyArray:
-        # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
-        exposure = x if bits <= 8 else x.astype(np.float64)
-        density = film_density(exposure, radar.film_gamma, radar.film_k)
-        return greytone(density, float(calibration[channel]), known_tone, bits, decibels)
-
-    return tone
+    out = np.empty(image.intensity.shape, dtype=_level_type(bits))
+    for levels, plane in zip(out, image.intensity, strict=True):
+        if minimum is not None:
+            tone = quantised_intensity(plane, minimum, bits, decibels)
+        else:
+            known_w, known_tone = radar.p_rc_w, radar.g_rc
+            if known_w is None or known_tone is None:
+                known_w, known_tone = _median(plane), 0.5 * (2.0**bits - 1.0)
+            calibration = film_density(np.array([known_w]), radar.film_gamma, radar.film_k)
+            # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
+            exposure = plane if bits <= 8 else plane.astype(np.float64)
+            density = film_density(exposure, radar.film_gamma, radar.film_k)
+            tone = greytone(density, float(calibration[0]), float(known_tone), bits, decibels)
+        levels[:] = to_levels(tone, bits)
+    return out
 
 
 def _median(plane: AnyArray) -> float:
