@@ -114,8 +114,19 @@ BLOCK_M: Final = 250.0
 """Side of the squares of ground whose mean moisture is retrieved [m]."""
 
 
+def squares_of(scene: Scene, side_m: float) -> tuple[AnyArray, int]:
+    """Square of ground (rows, columns) of each cell, so wide or of one cell, and how many there are."""
+    size = max(side_m / scene.cell_m, 1.0)
+    row, column = (np.floor(np.arange(n) / size).astype(np.int64) for n in scene.shape)
+    across = int(column[-1]) + 1
+    return row[:, None] * across + column, (int(row[-1]) + 1) * across
+
+
 def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray, AnyArray]:
-    """Moisture of each square of `BLOCK_M` [m3/m3], and which square each cell belongs to.
+    """Moisture of each square of `BLOCK_M` expected from the brightness of its footprints, and each cell's square.
+
+    In two steps: the date's mean from all footprints; then each square's departure from it, by the departure of its
+    footprints' brightness from what their covers show elsewhere in the image.
 
     Parameters
     ----------
@@ -125,47 +136,12 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     Returns
     -------
     float64 array (n,)
+        [m3/m3]; the date's mean where no footprint shows any.
     int64 array (rows, columns)
         Place in it; -1 for cells that are not scored, not seen or whose cover shows no moisture.
     """
     pixel = seen_pixels(image)
-    moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
     block, n_blocks = squares_of(scene, BLOCK_M)
-    found = retrieved_moisture(image, scene, pixel, block, n_blocks)
-    return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
-
-
-def squares_of(scene: Scene, side_m: float) -> tuple[AnyArray, int]:
-    """Square of ground (rows, columns) of each cell, so wide or of one cell, and how many there are."""
-    size = max(side_m / scene.cell_m, 1.0)
-    row, column = (np.floor(np.arange(n) / size).astype(np.int64) for n in scene.shape)
-    across = int(column[-1]) + 1
-    return row[:, None] * across + column, (int(row[-1]) + 1) * across
-
-
-def retrieved_moisture(
-    image: RadiometerImage, scene: Scene, pixel: AnyArray, block: AnyArray, n_blocks: int
-) -> FloatArray:
-    """Moisture of each square of ground (n_blocks,) expected from the brightness of its footprints [m3/m3].
-
-    In two steps: the date's mean from all footprints; then each square's departure from it, by the departure of its
-    footprints' brightness from what their covers show elsewhere in the image.
-
-    Parameters
-    ----------
-    image : RadiometerImage
-    scene : Scene
-    pixel : int32 array (rows, columns)
-        Footprint of each cell, -1 for none.
-    block : int64 array (rows, columns)
-        Square of ground of each cell.
-    n_blocks : int
-
-    Returns
-    -------
-    float64 array
-        The date's mean where no footprint shows any.
-    """
     ground = expected_ground(image, scene, pixel)
     radiometer = image.radiometer
     n_channels, n_pixels = len(image.brightness_k), image.brightness_k[0].size
@@ -198,7 +174,9 @@ def retrieved_moisture(
             for own, slope in zip(apart, slopes, strict=True)
         ]
         scatter = _scatter(ground, away - level_k, seen, wetted)
-    return posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
+    moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
+    found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
+    return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
 
 
 def _scatter(ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, covariances: list[FloatArray]) -> float:

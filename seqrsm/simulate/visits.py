@@ -86,34 +86,7 @@ def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequ
 kept_deviates = lru_cache(maxsize=32)(deviates)
 
 
-def fading_departure(
-    draws: tuple[FloatArray, ...],
-    days: tuple[float, ...],
-    lasting: FloatArray,
-    memory_days: FloatArray,
-    kept: FloatArray,
-) -> FloatArray:
-    """Standard departure of fields on the last of some days, of a lasting part and a series with a memory.
-
-    Parameters
-    ----------
-    draws : tuple of float64 arrays (n,)
-        The lasting part, then one draw a day.
-    days : tuple of float
-        Rising.
-    lasting : float64 array (n,)
-        Share of the variance that lasts, 0 to 1.
-    memory_days : float64 array (n,)
-        E-folding time of the rest.
-    kept : float64 array (n,)
-        Factor of the rest's standard deviation, where something else stands for part of it.
-    """
-    return np.asarray(
-        np.sqrt(lasting) * draws[0] + kept * np.sqrt(1.0 - lasting) * _faded(draws[1:], days, memory_days)
-    )
-
-
-def _faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
+def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
     """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day."""
     state, *later = draws
     for gap, fresh in zip(np.diff(days), later, strict=True):
@@ -169,7 +142,7 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
         return float(generator(seed, run_id, "soil moisture").random())
     past = visit.days[: visit.number + 1]
     draws = generator(seed, run_id, "soil moisture of days").standard_normal((len(past), 2))
-    slow, fast = _faded(list(draws), past, np.array([_SLOW_DAYS, _FAST_DAYS]))
+    slow, fast = faded(list(draws), past, np.array([_SLOW_DAYS, _FAST_DAYS]))
     return float(ndtr(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from seqrsm.rng import generator, stream_key
 from seqrsm.simulate.radar import kernels_speckle as kernels
-from seqrsm.simulate.radar.fading import add_fading, gamma_tables, normal_table
+from seqrsm.simulate.radar.fading import gamma_tables, normal_table
 
 # Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
 VECTORS = [
@@ -33,7 +33,8 @@ def speckled(looks, shape=(1, 400, 500), key=(1, 2), noise=0.0, mean=1.0):
     out = np.empty(shape)
     looks = np.broadcast_to(np.asarray(looks, dtype=float), (n_range,)).copy()
     words = (np.uint32(key[0]), np.uint32(key[1]))
-    add_fading(np.full(shape, mean), np.full(n_range, noise), looks, np.arange(shape[0]), words, out)
+    given = np.arange(shape[0]), normal_table(), *words, 0, out
+    kernels.add_speckle(np.full(shape, mean), np.full(n_range, noise), *gamma_tables(looks), looks**-0.5, *given)
     return out
 
 

@@ -19,7 +19,7 @@ from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
-from seqrsm.score.brightness import GRID, _expected_k, _weights, expected_ground, posterior_mean, retrieved_moisture
+from seqrsm.score.brightness import GRID, _expected_k, _weights, expected_ground, posterior_mean, retrieved_squares
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import score_moisture
 from seqrsm.score.utilities import asked_for
@@ -166,9 +166,8 @@ def test_blind_footprints_leave_the_mean() -> None:
     s = land(("Bareground", "Grass"))
     found = simulate_radiometer(s, radiometer(frequency_ghz=1.4, **BAND), load_emissivity_table(), seed=2, run_id=1)
     blind = replace(found, brightness_k=np.full_like(found.brightness_k, np.nan))
-    block = np.zeros(s.shape, dtype=np.int64)
-    value = retrieved_moisture(blind, s, found.pixel_of_cell, block, 1)
-    assert value[0] == pytest.approx(0.2, abs=0.005)  # the prior, cut at the grid's ends
+    value, _ = retrieved_squares(blind, s)
+    assert value == pytest.approx(0.2, abs=0.005)  # the prior, cut at the grid's ends
 
 
 def test_the_spread_expected_is_that_of_many_occasions() -> None:

@@ -43,7 +43,7 @@ def cell_weights(shape: str, width: float) -> FloatArray:
     return np.asarray(w / w.sum())
 
 
-def spread(image: AnyArray, shape: str, down: FloatArray, along: FloatArray) -> AnyArray:
+def spread_over_cells(image: AnyArray, shape: str, down: FloatArray, along: FloatArray) -> AnyArray:
     """Average over resolution cells; at the rim over the part inside the image.
 
     Parameters
@@ -73,36 +73,6 @@ def spread(image: AnyArray, shape: str, down: FloatArray, along: FloatArray) -> 
 
 _ORDER = 16
 """Order of the Chebyshev series of y in 1 / sqrt(N), 0 to 1: it is right to 2e-6."""
-
-
-def add_fading(
-    mean: AnyArray,
-    noise: FloatArray,
-    looks: FloatArray,
-    numbers: IntArray,
-    key: tuple[np.uint32, np.uint32],
-    out: AnyArray,
-    *,
-    first_row: int = 0,
-) -> None:
-    """Power with noise and fading of pixels that fade on their own; a pixel's fading does not depend on the others.
-
-    Parameters
-    ----------
-    mean : float array (n_channels, n_range, n_azimuth)
-        Mean power of the ground [W].
-    noise, looks : float64 array (n_range,)
-        Mean power of the noise [W]; N, >= 1.
-    numbers : int array (n_channels,)
-        Number of each channel in the random counter.
-    key : tuple of uint32
-    out : float array, shape of `mean`
-        Written [W].
-    first_row : int
-        Row of the image in which the arrays begin.
-    """
-    (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
-    kernels_speckle.add_speckle(mean, noise, tables, which, spread, numbers, normal_table(), *key, first_row, out)
 
 
 @lru_cache(maxsize=1)

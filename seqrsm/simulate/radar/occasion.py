@@ -28,7 +28,7 @@ from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.visits import (
     Visit,
-    fading_departure,
+    faded,
     field_moisture,
     field_shift_days,
     half_lasting,
@@ -188,15 +188,11 @@ def _dated(
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     past = visit.days[: visit.number + 1]
-    draws = ("lasting backscatter", *(Visit(visit.days, t).dated("field backscatter") for t in range(len(past))))
-    shift = course.shift_days[category]
-    deviate = fading_departure(
-        tuple(draw(purpose, category.size) for purpose in draws),
-        past,
-        course.lasting_share[category],
-        course.memory_days[category],
-        np.where(shift > 0.0, _KEPT, 1.0),
-    )
+    shift, lasting = course.shift_days[category], course.lasting_share[category]
+    lasts = draw("lasting backscatter", category.size)
+    fresh = [draw(Visit(visit.days, t).dated("field backscatter"), category.size) for t in range(len(past))]
+    fades = faded(fresh, past, course.memory_days[category])
+    deviate = np.sqrt(lasting) * lasts + np.where(shift > 0.0, _KEPT, 1.0) * np.sqrt(1.0 - lasting) * fades
     spread = np.array([on_day(year, day) for year in course.spread])
     deviation = (lookup.field_sd_db * spread)[category] * deviate
     shifts = field_shift_days(shift, **key)
@@ -233,41 +229,38 @@ def met_occasion(
     seed: int,
     run_id: int,
 ) -> Occasion:
-    """Everything random of the ground on a visit: fields, date, what the scene's moisture does, texture."""
+    """Everything random of the ground on a visit: fields, date, what the scene's moisture does, texture.
+
+    What a field's moisture does to its category is taken at the incidence angle of the centre of the scene. Departures
+    of parts of fields are Gaussian in decibels; two channels share the part of the variance that fields do, and half of
+    it lasts from date to date (assumed). Offsets are then those of pieces in place of fields.
+    """
     key = {"seed": seed, "run_id": run_id}
-    met = draw_occasion(radar, lookups, categories_of_fields(scene), ground_state, visit, **key)
+    category = categories_of_fields(scene)
+    met = draw_occasion(radar, lookups, category, ground_state, visit, **key)
+    offset, moisture = met.field_offset_db, None
     if scene.soil_moisture is not None or max(radar.soil_moisture_field_sd, radar.soil_moisture_region_sd) > 0.0:
         moisture = field_moisture(scene, radar, ground_state[0], visit, MOISTURE_RANGE, **key)
-        met = _with_moisture(met, moisture, scene, radar, table, lookups, visit.day)
-    return _with_texture(met, scene, radar, lookups, visit, **key)
-
-
-def _with_moisture(
-    occasion: Occasion,
-    moisture: FloatArray,
-    scene: Scene,
-    radar: RadarConfiguration,
-    table: Sigma0Table,
-    lookups: list[Sigma0Lookup],
-    day: float | None,
-) -> Occasion:
-    """The occasion with each field as wet as stated (n_fields,) [m3/m3].
-
-    What a field's moisture does to its category is taken at the incidence angle of the centre of the scene.
-    """
-    nodes = np.linspace(float(moisture.min()), float(moisture.max()), MOISTURE_NODES)
-    theta = math.degrees(radar.centre_incidence_rad)
-    steps = [look_up(scene, radar, table, (float(node), occasion.wind_m_s), day) for node in nodes]
-    category = categories_of_fields(scene)
-    known = category < len(scene.categories)
-    offset = occasion.field_offset_db.copy()
-    for c, own in enumerate(lookups):
-        base = _level_db(own, theta)
-        change = np.stack([_level_db(step[c], theta) - base for step in steps])
-        for k in np.flatnonzero(np.ptp(change, axis=0) + np.abs(change[0]) > 0.0):
-            mine = known & (category == k)
-            offset[c, mine] += np.interp(moisture[mine], nodes, change[:, k])
-    return replace(occasion, field_offset_db=offset, field_moisture=moisture)
+        nodes = np.linspace(float(moisture.min()), float(moisture.max()), MOISTURE_NODES)
+        theta = math.degrees(radar.centre_incidence_rad)
+        steps = [look_up(scene, radar, table, (float(node), met.wind_m_s), visit.day) for node in nodes]
+        known = category < len(scene.categories)
+        for c, own in enumerate(lookups):
+            base = _level_db(own, theta)
+            change = np.stack([_level_db(step[c], theta) - base for step in steps])
+            for k in np.flatnonzero(np.ptp(change, axis=0) + np.abs(change[0]) > 0.0):
+                mine = known & (category == k)
+                offset[c, mine] += np.interp(moisture[mine], nodes, change[:, k])
+    if radar.texture_db > 0.0:
+        _, parent = pieces(scene, radar.texture_m)
+        # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
+        place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
+        draws = half_lasting(visit, "texture", (1 + max(place), len(parent)), radar.frequency_ghz, **key)
+        offset = offset[:, parent]
+        for c, lookup in enumerate(lookups):
+            shared = float(np.mean(lookup.channel_correlation))
+            offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * draws[place[c]])
+    return replace(met, field_offset_db=offset, field_moisture=moisture)
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
@@ -312,42 +305,3 @@ def look_up(
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))
         found.append(like)
     return found
-
-
-def _with_texture(
-    occasion: Occasion,
-    scene: Scene,
-    radar: RadarConfiguration,
-    lookups: Sequence[Sigma0Lookup],
-    visit: Visit,
-    *,
-    seed: int,
-    run_id: int,
-) -> Occasion:
-    """The occasion with offsets of pieces in place of those of fields; itself without texture.
-
-    Departures are Gaussian in decibels; two channels share the part of the variance that fields do, and half of it
-    lasts from date to date (assumed).
-
-    Parameters
-    ----------
-    occasion : Occasion
-        Of the scene's own fields.
-    scene, radar, lookups, visit
-        As in `seqrsm.simulate.radar.occasion.draw_occasion`.
-    seed, run_id : int
-        Campaign and run.
-    """
-    if radar.texture_db == 0.0:
-        return occasion
-    _, parent = pieces(scene, radar.texture_m)
-    # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
-    place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
-    shape = (1 + max(place), len(parent))
-    draws = half_lasting(visit, "texture", shape, radar.frequency_ghz, seed=seed, run_id=run_id)
-    offset = occasion.field_offset_db[:, parent]
-    for c, lookup in enumerate(lookups):
-        shared = float(np.mean(lookup.channel_correlation))
-        own = draws[place[c]]
-        offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * own)
-    return replace(occasion, field_offset_db=offset)

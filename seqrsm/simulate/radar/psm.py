@@ -21,7 +21,7 @@ from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.rng import stream_key
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
-from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar import kernels, kernels_speckle
 from seqrsm.simulate.radar.echo import (
     EchoGrid,
     block,
@@ -33,7 +33,7 @@ from seqrsm.simulate.radar.echo import (
     sigma0_lut,
     state_of_cells,
 )
-from seqrsm.simulate.radar.fading import add_fading, correlated_fading, spread
+from seqrsm.simulate.radar.fading import correlated_fading, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import (
     Occasion,
@@ -217,7 +217,7 @@ def _mean_power(
         mean = np.ascontiguousarray(mean[:, :, 1:-1])
     smeared = int((width > 1.0).sum())
     if not is_box:
-        mean = spread(mean, radar.cell_shape, width, beam / cells_a_pixel)
+        mean = spread_over_cells(mean, radar.cell_shape, width, beam / cells_a_pixel)
     elif smeared:
         kernels.smear_range(mean, width)
     return mean, smeared
@@ -243,7 +243,9 @@ def _faded(
 
     def fade(k: int) -> None:
         c, rows = block(k, mean.shape[1], threads)
-        add_fading(mean[c, rows], noise[rows], looks[rows], numbers[c], key, out[c, rows], first_row=rows.start)
+        (tables, which), spread = gamma_tables(looks[rows]), 1.0 / np.sqrt(looks[rows])
+        own = tables, which, spread, numbers[c], normal_table(), *key, rows.start
+        kernels_speckle.add_speckle(mean[c, rows], noise[rows], *own, out[c, rows])
 
     in_threads(fade, threads * len(mean), threads)
     return out
