@@ -254,10 +254,11 @@ def emission_tables(
     steps = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0)
     theta_deg = np.rad2deg(2.0 * np.arcsin(steps * math.sqrt(0.5)))
     lut = np.stack([look.at_angles(theta_deg) for look in lookups]) + occasion.class_offset[:, :, None, None]
+    lut = np.clip(lut, 0.0, 1.0).astype(dtype)
     # Each value beside its step to the next, as one element of twice the size that one load fetches.
     pairs = np.zeros((*lut.shape, 2), dtype=dtype)
-    pairs[..., 0] = np.clip(lut, 0.0, 1.0)
-    pairs[..., :-1, 1] = np.diff(pairs[..., 0], axis=-1)
+    pairs[..., 0] = lut
+    pairs[..., :-1, 1] = np.diff(lut, axis=-1)
     table = pairs.view(np.uint64 if dtype == np.float32 else np.complex128)[..., 0]
     place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
     place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
