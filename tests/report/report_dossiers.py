@@ -23,7 +23,7 @@ from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
-from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
+from seqrsm.decide.stopping import Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import stationary_point
@@ -183,17 +183,16 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
     )
     lack = fit.lack_of_fit()
     rule = StopRule(interval=stop.interval, half_width=stop.half_width, level=stop.level, max_runs=stop.max_runs)
-    tested = isinstance(lack, LackOfFit)
     look = Look(
         n_runs=fit.n_runs,
         n_terms=fit.n_terms,
         s=fit.s,
         df_residual=fit.df_residual,
-        df_pure_error=lack.df_pe if tested else 0,
+        df_pure_error=lack.df_pe if isinstance(lack, LackOfFit) else 0,
         h=float(fit.variance_unscaled(row)[0]),
+        lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
     )
-    adequacy = Adequacy(lack.p if tested else None, "" if tested else lack)
-    decision = decide(rule, look, adequacy, unit=unit)
+    decision = decide(rule, look, unit=unit)
     importance = []
     for factor in region.factors:
         test = fit.partial_f(model.factor_terms(factor.name))
