@@ -20,7 +20,7 @@ from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, Op
 from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.steps import Step, steps_of
-from seqrsm.analysis.study import study_fit
+from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import MODEL_ALPHA, Decision, Look, StopRule, decide
@@ -85,7 +85,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add the study: unusual runs, blocks, and the steps.
+        Add how blocks differ, and the steps.
 
     Raises
     ------
@@ -127,7 +127,8 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, of_quadratic.point) if thorough else None,
+        blocks=block_study(spec, fitted, of_quadratic.point) if thorough else None,
+        thorough=thorough,
     )
 
 

@@ -15,8 +15,7 @@ from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
-from seqrsm.report.sections.model import importance_section
-from seqrsm.report.sections.study import term_test_table
+from seqrsm.report.sections.model import importance_section, term_test_table
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
 from seqrsm.report.wording import format_setting, ground_name, parts_of_width, readable, watched_interval, with_unit
 

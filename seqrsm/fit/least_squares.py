@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri, stdtr
+from scipy.special import fdtrc, ndtri, stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import Term
@@ -26,17 +26,20 @@ from seqrsm.fit.intervals import (
     Interval,
     LackOfFit,
     Prediction,
-    anova_table,
-    f_ratio,
     group_index,
-    lack_of_fit,
     pure_error,
     sequential_ss,
     t_quantile,
-    total_ss,
 )
 from seqrsm.fit.linear_system import check_runs
 
+_GROUPS = {
+    "block": "blocks",
+    "linear": "first order",
+    "category": "categories",
+    "interaction": "interactions",
+    "square": "squares",
+}
 _LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of the model
 
 
@@ -236,23 +239,36 @@ class LeastSquaresFit:
             others = np.setdiff1d(np.arange(self.n_terms), group)
             X = self.Z * root[:, None]
             df, ss = sequential_ss([X[:, others], X[:, group]], self.y * root)[1]
+        nan = float("nan")
         if df == 0:
-            nan = float("nan")
             return FTest(0, 0.0, nan, nan, nan, "the group is aliased with the other terms")
-        f, p, reason = f_ratio(ss, df, self.sse, self.df_residual)
-        return FTest(df, ss, ss / df, f, p, reason)
+        if self.df_residual == 0:
+            return FTest(df, ss, ss / df, nan, nan, "no residual degrees of freedom")
+        if self.sse == 0.0:
+            reason = "the model reproduces every score exactly, so there is no error to test against"
+            return FTest(df, ss, ss / df, nan, nan, reason)
+        f = (ss / df) / (self.sse / self.df_residual)
+        return FTest(df, ss, ss / df, f, float(fdtrc(df, self.df_residual, f)))
 
     def lack_of_fit(self) -> LackOfFit | str:
-        """Lack-of-fit test against pure error, or the reason why there is none."""
-        return lack_of_fit(
-            self.y,
-            self.weights,
-            self.sse,
-            self.rank,
-            self.setting_ids,
-            self.block_ids,
-            self.df_residual,
-        )
+        """Lack-of-fit test against pure error, or a sentence that says why the runs do not allow it."""
+        if self.df_residual == 0:
+            return "no residual degrees of freedom: as many terms as runs"
+        if self.setting_ids is None:
+            return "which runs repeat a setting is not known"
+        df_pe, ss_pe, n_groups = pure_error(self.y, self.weights, self.setting_ids, self.block_ids)
+        df_lof = n_groups - self.rank
+        if df_pe == 0:
+            twice = len(np.unique(self.setting_ids)) < len(self.setting_ids)
+            where = "no setting was run twice" if not twice else "no setting was run twice in one block"
+            return f"{where}, so there is no pure error to test against"
+        if df_lof <= 0:
+            return "no more distinct settings than terms, so the model passes through all means of repeats"
+        if ss_pe == 0.0:
+            return "all repeated runs gave the same score: pure error is zero and F is undefined"
+        ss_lof = max(self.sse - ss_pe, 0.0)
+        f = (ss_lof / df_lof) / (ss_pe / df_pe)
+        return LackOfFit(df_lof, df_pe, ss_lof, ss_pe, f, float(fdtrc(df_lof, df_pe, f)))
 
     @property
     def df_pure_error(self) -> int:
@@ -263,8 +279,31 @@ class LeastSquaresFit:
         return found[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
-        """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
-        return anova_table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
+        """Sequential analysis of variance; groups of terms that the model does not hold are left out.
+
+        The order is that of R's ``rsm``: blocks, first order (FO), categories, interactions (TWI), squares (PQ),
+        residual, the residual split into lack of fit and pure error, total.
+        """
+        root, nan = np.sqrt(self.weights), float("nan")
+        X = self.Z * root[:, None]
+        kind = np.array(self.kinds)
+        held = [key for key in _GROUPS if key in self.kinds]
+        constant = "intercept" in self.kinds and np.ptp(self.y) == 0.0
+        scores = self.y - self.y[0] if constant else self.y  # equal scores leave no rounding dust
+        parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for key in held)], scores * root)
+        ms_error = self.sse / self.df_residual if self.df_residual > 0 else nan
+        rows = []
+        for key, (df, ss) in zip(held, parts[1:], strict=True):
+            f = (ss / df) / ms_error if df > 0 and ms_error > 0.0 else nan
+            p = float(fdtrc(df, self.df_residual, f)) if f == f else nan
+            rows.append(AnovaRow(_GROUPS[key], df, ss, ss / df if df > 0 else nan, f, p))
+        rows.append(AnovaRow("residual", self.df_residual, self.sse, ms_error, nan, nan))
+        lack = self.lack_of_fit()
+        if isinstance(lack, LackOfFit):
+            rows.append(AnovaRow("lack of fit", lack.df_lof, lack.ss_lof, lack.ss_lof / lack.df_lof, lack.f, lack.p))
+            rows.append(AnovaRow("pure error", lack.df_pe, lack.ss_pe, lack.ss_pe / lack.df_pe, nan, nan))
+        rows.append(AnovaRow("total", self.n_runs - parts[0][0], self.sst, nan, nan, nan))
+        return tuple(rows)
 
     def vif(self) -> FloatArray:
         """Variance inflation factors (p,): variance over that of the column alone; nan for intercept and aliased."""
@@ -339,7 +378,9 @@ def fit_least_squares(
     sse = float(r @ r)
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
-    sst = total_ss(y, w, "intercept" in kinds)
+    shifted = y - y[0]  # no digits are lost to a large mean
+    mean = float(np.sum(w * shifted) / np.sum(w))
+    sst = float(np.sum(w * np.square(shifted - mean))) if "intercept" in kinds else float(np.sum(w * np.square(y)))
     studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, df, rank)
     r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
     df_total = n - (1 if "intercept" in kinds else 0)
