@@ -226,7 +226,8 @@ def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     names = ("score", "residual", "leverage", "studentised", "cooks_distance")
     columns = np.column_stack([analysis.data.scores, fit.residuals, fit.leverage, fit.studentised, fit.cooks_distance])
     return {
-        **_of(fit, "condition_number", "rank"),
+        **_of(fit, "condition_number"),
+        "rank": fit.n_terms,
         "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
         "runs": [
             {"run_id": int(run_id), **dict(zip(names, row, strict=True))}

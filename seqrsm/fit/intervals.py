@@ -34,7 +34,7 @@ class Prediction:
     Attributes
     ----------
     mean : ndarray (m,)
-        Estimated mean response; nan where it is not estimable.
+        Estimated mean response.
     confidence : Interval
         Of the mean response (RSL TR 380-1 eq. 2-17).
     prediction : Interval

@@ -221,9 +221,7 @@ def no_error_estimate(analysis: Analysis) -> str:
     """Why there are no intervals, in words; "" where there are."""
     fit = analysis.fit
     if fit.df_residual == 0:
-        return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.rank} terms)"
-    if not math.isfinite(analysis.optimum.confidence.half_width):
-        return "no interval: the runs do not determine the score at these settings"
+        return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.n_terms} terms)"
     return ""
 
 

@@ -49,16 +49,15 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
     """
     x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
     levels = np.linspace(limits[0], limits[1], 17)
-    if np.all(np.isfinite(surface.mean)):
-        filled = axes.contourf(
-            surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
-        )
-        bar = axes.figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
-        bar.outline.set_visible(False)
-        bar.ax.tick_params(labelsize=7)
-        bar.set_ticks(_round_ticks(limits))
-        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
-        axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    filled = axes.contourf(
+        surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
+    )
+    bar = axes.figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=7)
+    bar.set_ticks(_round_ticks(limits))
+    lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
+    axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
     if np.any(surface.slack < 0.0):
         forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
         axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)

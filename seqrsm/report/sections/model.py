@@ -221,8 +221,6 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
     caption = f"Coefficients in coded units, {level} confidence interval and posterior"
-    if fit.aliased:
-        caption += f"; not estimable from these runs: {listing([readable_term(name) for name in fit.aliased])}"
     return table(caption, columns, rows, sortable=True)
 
 
@@ -310,7 +308,7 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
         named = [str(int(ids[run.run])) for run in influential[:MAX_NAMED]]
         more = len(influential) - len(named)
         found.append(
-            f"{counted(len(influential), 'run')} with leverage above 2p/n = {2.0 * fit.rank / fit.n_runs:.2f}, "
+            f"{counted(len(influential), 'run')} with leverage above 2p/n = {2.0 * fit.n_terms / fit.n_runs:.2f}, "
             f"Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an outlying residual: "
             f"{listing([*named, f'{more} more'] if more else named)}."
         )
