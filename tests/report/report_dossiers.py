@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
@@ -386,7 +387,7 @@ def many_dossier(folder: Path, *, saturated=False) -> Dossier:
     scores = points[:, 0] - points[:, 3] ** 2 + 0.2 * rng.standard_normal(len(points))
     runs = runs_of(spec, points, scores, None)
     analysis = make_analysis(spec, runs, draws=300)
-    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ())
+    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ("seqrsm report .",))
 
 
 def two_uses(flight, **changes):
@@ -394,4 +395,5 @@ def two_uses(flight, **changes):
     first, (use,) = flight.analyses[0], flight.spec.applications
     spec = dataclasses.replace(flight.spec, applications=(use, use.model_copy(update={"name": "other use"})))
     analyses = (first, dataclasses.replace(first, application="other use"))
+    changes.setdefault("compromise", campaign_compromise(spec, analyses))
     return dataclasses.replace(flight, spec=spec, analyses=analyses, **changes)

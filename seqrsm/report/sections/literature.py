@@ -191,11 +191,10 @@ def _found(
     text = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
     posterior = setting_posterior(analysis, factor)
     best = float(analysis.optimum.settings[factor.name])
-    ends = (best, best) if posterior is None else (posterior.low, posterior.high)
     scale = unit_factor(factor.unit or item.unit, item.unit)
     if scale is None:
         return text, math.nan, math.nan, math.nan
-    return text, scale * best, scale * ends[0], scale * ends[1]
+    return text, scale * best, scale * posterior.low, scale * posterior.high
 
 
 def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
@@ -261,13 +260,9 @@ def printed_section(dossier: Dossier) -> Section | None:
     return Section("printed", "Literature entries as printed", (Paragraph(_LATER), *blocks))
 
 
-def literature_section(dossier: Dossier) -> Section | None:
-    """Return the comparison with the catalogue for each application; None where there is no result to compare."""
-    if not dossier.analyses:
-        return None
-    blocks: list[Block] = []
-    for analysis in dossier.analyses:
-        blocks += _application(dossier, analysis)
+def literature_section(dossier: Dossier) -> Section:
+    """Return the comparison with the catalogue for each application."""
+    blocks = [block for analysis in dossier.analyses for block in _application(dossier, analysis)]
     return Section("literature", "Comparison with the literature", tuple(blocks))
 
 

@@ -90,7 +90,7 @@ def image_section(dossier: Dossier) -> Section | None:
     """Return the simulated images beside the ground truth; None where there are none."""
     if not dossier.images and dossier.scene is None:
         return None
-    unit = dossier.analyses[0].score_unit if dossier.analyses else ""
+    unit = dossier.analyses[0].score_unit
     count = sum(len(image.channels) for image in dossier.images) + (dossier.scene is not None)
     where = (
         "Range increases downwards, azimuth across."
@@ -317,18 +317,14 @@ def _channel_table(grouped: GroupedNotes) -> Table:
 def provenance_section(dossier: Dossier) -> Section:
     """Return versions, seed, data sources, history, and the commands that make this report again."""
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
-    if dossier.reproduce:
-        blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
-    if dossier.events:
-        text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
-        blocks.append(Paragraph(text))
-    if dossier.analyses:
-        factors = dossier.spec.factors
-        found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
-        rows = (
-            (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
-            for name, settings in found
-        )
-        caption = "Recommended settings to six digits, for repeating the run exactly"
-        blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
+    text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
+    blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce), Paragraph(text)]
+    factors = dossier.spec.factors
+    found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
+    rows = (
+        (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
+        for name, settings in found
+    )
+    caption = "Recommended settings to six digits, for repeating the run exactly"
+    blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
