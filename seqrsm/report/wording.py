@@ -89,11 +89,11 @@ def factor_column(factor: Factor) -> Column:
     return right(readable(factor.name), "" if isinstance(factor, CategoricalFactor) else factor.unit)
 
 
-def listing(items: Sequence[str], last: str = "and") -> str:
+def listing(items: Sequence[str]) -> str:
     """Join items: ``"a"``, ``"a and b"``, ``"a, b and c"``."""
     if len(items) < 2:
         return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+    return f"{', '.join(items[:-1])} and {items[-1]}"
 
 
 def setting_decimals(factor: NumericFactor, value: float, spread: float = math.nan) -> int:
