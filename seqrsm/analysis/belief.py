@@ -174,8 +174,10 @@ class Belief:
             prediction=mixed(of_quadratic.se_prediction, noise),
         )
 
-    def optima(self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator) -> Optima:
-        """About ``n`` draws of the process's optimum, and of its value at coded settings (k,)."""
+    def optima(
+        self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """About ``n`` draws of the process's optimum: coded points (n, k), values (n,) there and at ``point`` (k,)."""
         process = self.departure.process
         assert process is not None
         sign = sign_of(self.goal)
@@ -183,24 +185,7 @@ class Belief:
         draws = cloud.draws(-(-n // len(cloud.means)), rng)
         draws = draws[rng.permutation(len(draws))[:n]]
         best = np.argmax(draws, axis=1)
-        return Optima(cloud.points[best], sign * np.max(draws, axis=1), sign * draws[:, cloud.hat])
-
-
-@dataclass(frozen=True, slots=True)
-class Optima:
-    """Draws of a surface's optimum.
-
-    Attributes
-    ----------
-    points : ndarray (n, k)
-        Coded.
-    values, here : ndarray (n,)
-        Of the surface at the optimum, and at the recommended settings, on the scale of the fit.
-    """
-
-    points: FloatArray
-    values: FloatArray
-    here: FloatArray
+        return cloud.points[best], sign * np.max(draws, axis=1), sign * draws[:, cloud.hat]
 
 
 def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> Interval:

@@ -20,16 +20,16 @@ from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, Op
 from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.steps import Step, steps_of
-from seqrsm.analysis.study import study_fit
+from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
-from seqrsm.decide.stopping import MODEL_ALPHA, Adequacy, Decision, Look, StopRule, decide
+from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
+from seqrsm.decide.stopping import MODEL_ALPHA, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs
-from seqrsm.fit.optimum import Goal, Optimum, optimum
+from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
@@ -85,7 +85,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add the study: unusual runs, blocks, and the steps.
+        Add how blocks differ, and the steps.
 
     Raises
     ------
@@ -127,7 +127,8 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, of_quadratic.point) if thorough else None,
+        blocks=block_study(spec, fitted, of_quadratic.point) if thorough else None,
+        thorough=thorough,
     )
 
 
@@ -232,12 +233,12 @@ def _decision(
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
-        lead=(estimate.mean - fitted.data.guess) * (1.0 if application.goal == "maximize" else -1.0),
+        lead=(estimate.mean - fitted.data.guess) * sign_of(application.goal),
+        lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
+        weighed=fitted.departure.process is not None,
+        saturated=fitted.region.has_at_most(fitted.model.p),
     )
-    p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
-    weighed = fitted.departure.process is not None
-    adequacy = Adequacy(p, reason, weighed, fitted.region.has_at_most(fitted.model.p))
-    return decide(rule, look, adequacy, agreement, application.score_unit)
+    return decide(rule, look, agreement, application.score_unit)
 
 
 def _model_p(fitted: Fitted) -> float | None:

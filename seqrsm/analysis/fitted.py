@@ -24,7 +24,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.estimability import missing_runs
-from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
+from seqrsm.fit.least_squares import AliasedError, LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import RunRecord
@@ -117,18 +117,18 @@ def fit_surface(
         message = f"{n} scored runs cannot determine {needed} terms"
         raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
     Z = np.hstack([model.matrix(data.points), columns])
-    fit = fit_least_squares(
-        Z,
-        scale.values,
-        [*model.terms, *names],
-        weights=spec.errors.weights(Z, scale.values, scale.weights),
-        setting_ids=setting_ids(data.points),
-        block_ids=labels,
-    )
-    if fit.aliased:
-        message = f"the runs cannot separate these terms: {', '.join(fit.aliased)}"
-        raise FitError(Problem(message, _remedy(region, model, data, "Add runs", n_aliased=len(fit.null.T))))
-    return fit
+    try:
+        return fit_least_squares(
+            Z,
+            scale.values,
+            [*model.terms, *names],
+            weights=spec.errors.weights(Z, scale.values, scale.weights),
+            setting_ids=setting_ids(data.points),
+            block_ids=labels,
+        )
+    except AliasedError as error:
+        remedy = _remedy(region, model, data, "Add runs", n_aliased=error.n_dependent)
+        raise FitError(replace(error.problems[0], remedy=remedy)) from None
 
 
 def _remedy(

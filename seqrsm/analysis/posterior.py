@@ -120,13 +120,6 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
     return replace(draws(None), share=found.share)
 
 
-def central(draws: FloatArray, level: float) -> Interval:
-    """Equal-tailed interval of draws (m,)."""
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(draws, [tail, 1.0 - tail])
-    return Interval(float(low), float(high))
-
-
 def summarise_posterior(
     spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws, taken_off: float
 ) -> PosteriorSummary:
@@ -148,9 +141,8 @@ def summarise_posterior(
     here = terms @ fitted.surface.rows(estimate.point[None, :])[0]
     if of_process:
         rng = generator(spec.seed, fitted.fit.n_runs, "optima of the process")
-        found = belief.optima(estimate.point, fitted.data.points, of_process, rng)
-        points, values = np.vstack([points, found.points]), np.append(values, found.values)
-        here = np.append(here, found.here)
+        own = belief.optima(estimate.point, fitted.data.points, of_process, rng)
+        points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
     low, high = (0.0, 100.0) if fitted.application.is_percent else (-np.inf, np.inf)
     best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
     regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
@@ -166,24 +158,19 @@ def summarise_posterior(
         optimum_values=best_scores,
         settings=tuple(_setting(spec.region, j, points[:, j], tail) for j in range(spec.region.k)),
         mean=float(np.mean(best_scores)),
-        credible=central(best_scores, spec.stop.level),
+        credible=Interval(*(float(end) for end in np.quantile(best_scores, [tail, 1.0 - tail]))),
         predictive=predictive.within(low, high),
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,
-        effects=_effects(model, draws.bounds),
+        effects=() if draws.bounds is None else _effects(fitted.application, model),
         effects_probability=float("nan") if draws.share is None else draws.share,
     )
 
 
-def _effects(model: QuadraticModel, held: LinearBounds | None) -> tuple[EffectBound, ...]:
-    if held is None:
-        return ()
-    terms, low, high = np.argmax(held.rows, axis=1), 2.0 * held.low, 2.0 * held.high
-    return tuple(
-        EffectBound(model.term_names[term], a, b)
-        for term, a, b in zip(terms.tolist(), low.tolist(), high.tolist(), strict=True)
-    )
+def _effects(application: ApplicationSpec, model: QuadraticModel) -> tuple[EffectBound, ...]:
+    stated = {} if application.prior is None else application.prior.effect
+    return tuple(EffectBound(f.name, *stated[f.name]) for f in model.factors if f.name in stated)
 
 
 def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:

@@ -22,7 +22,7 @@ from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.canonical import StationaryPoint
-from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum
 
 
@@ -60,27 +60,6 @@ class BlockStudy:
     sigma_block: float
     ratio: tuple[float, float]
     note: str
-
-
-@dataclass(frozen=True, slots=True)
-class Study:
-    """Everything that a thorough analysis adds; a string is the reason why something is not there.
-
-    Attributes
-    ----------
-    normal : NormalPlot
-    influential : tuple of InfluentialRun
-        ``run`` is the place among the fitted runs.
-    extrapolated : bool
-        The recommended settings are further from the runs than any run is.
-    blocks : BlockStudy or None
-        None where there is one block.
-    """
-
-    normal: NormalPlot
-    influential: tuple[InfluentialRun, ...]
-    extrapolated: bool
-    blocks: BlockStudy | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,9 +234,9 @@ class Confirmation:
 class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
-    ``fitted`` is what all was made from; ``study`` is there where a thorough analysis was asked for. ``fit`` is on
-    ``scale``; everything else is in score units. ``of_quadratic`` is the optimum of the fitted quadratic alone,
-    ``optimum`` that of all that is believed; ``steps``: what each value and level of a factor brings there.
+    ``fitted`` is what all was made from. ``fit`` is on ``scale``; everything else is in score units. ``of_quadratic``
+    is the optimum of the fitted quadratic alone, ``optimum`` that of all that is believed. A ``thorough`` analysis adds
+    ``steps``, what each value and level of a factor brings there, and ``blocks``, None where there is one block.
     """
 
     application: str
@@ -274,7 +253,8 @@ class Analysis:
     warnings: tuple[str, ...]
     steps: tuple[Step, ...] = ()
     sources: SourceComparison | None = None
-    study: Study | None = None
+    blocks: BlockStudy | None = None
+    thorough: bool = False
 
     @property
     def fit(self) -> LeastSquaresFit:

@@ -1,7 +1,4 @@
-"""What a thorough analysis adds to the fit: which runs, which blocks.
-
-Each part is made for the model it is right for; a sentence stands for what cannot be had.
-"""
+"""What is asked of a fit beside the optimum: how blocks differ, and partial F tests of any terms."""
 
 from __future__ import annotations
 
@@ -11,51 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
-from seqrsm.analysis.results import (
-    Analysis,
-    BlockResponse,
-    BlockStudy,
-    Study,
-)
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.runs import block_labels
-from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.intervals import FTest
-from seqrsm.fit.intervals import Interval as ArrayInterval
-from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.spec.read import CampaignSpec
 
 
-def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
-    """Everything beyond the fit.
+def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockStudy | None:
+    """How blocks differ, and what the quadratic's best settings ``point`` (k,), coded, give in a new one.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-    fitted : Fitted
-    point : ndarray (k,)
-        The quadratic's best settings, coded.
+    None where there is one block; a sentence stands for what cannot be had.
     """
-    fit = fitted.fit
-    row = fitted.model.matrix(point[None, :])
-    return Study(
-        normal=normal_plot(fit),
-        influential=influential_runs(fit),
-        extrapolated=bool(extrapolated(fit, row)[0]),
-        blocks=_blocks(spec, fitted, row),
-    )
-
-
-def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
-    return fitted.scale.in_scores(float(found.low[0]), float(found.high[0]))
-
-
-def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
     surface, scale, level = fitted.surface, fitted.scale, spec.stop.level
     labels = block_labels(spec, fitted.data)
     if len(set(labels)) < 2 or spec.model.block is None:
         return None
+    row = fitted.model.matrix(point[None, :])
     sigma = sigma_block = low = high = float("nan")
     note = ""
     try:
@@ -66,8 +36,8 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
         if days is None:
             return None
         found = days.predict(row, level, weight=float(scale.weight_at(surface.predict(row).mean)[0]))
-        ends = (_in_scores(fitted, found.confidence), _in_scores(fitted, found.prediction))
-        new = BlockResponse(float(scale.to_score(found.mean)[0]), *ends)
+        ends = ((float(one.low[0]), float(one.high[0])) for one in (found.confidence, found.prediction))
+        new = BlockResponse(float(scale.to_score(found.mean)[0]), *(scale.in_scores(*one) for one in ends))
         sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     return BlockStudy(

@@ -8,28 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, Study
+from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.intervals import LackOfFit
+from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 
 
 def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     """The whole analysis; undefined numbers are nan (null once written)."""
-    document = _document(analysis)
-    if analysis.study is not None:
-        blocks = analysis.study.blocks
-        document["blocks"] = None if blocks is None else _blocks(blocks)
-        document["diagnostics"] |= study_diagnostics(analysis, analysis.study)
-    return document
-
-
-def _document(analysis: Analysis) -> dict[str, Any]:
     fit, decision = analysis.fit, analysis.decision
-    return {
+    document = {
         **_of(analysis, "application", "goal"),
         "response": analysis.scale.kind,
         **_of(analysis, "score_unit"),
@@ -53,6 +45,10 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         },
         **_of(analysis, "sources", "warnings"),
     }
+    if analysis.thorough:
+        document["blocks"] = None if analysis.blocks is None else _blocks(analysis.blocks)
+        document["diagnostics"] |= _unusual(analysis)
+    return document
 
 
 def fields_to_json(found: Any, but: str = "") -> dict[str, Any]:
@@ -70,11 +66,6 @@ def _value(value: Any) -> Any:
     if is_dataclass(value):
         return fields_to_json(value)
     return [_value(one) for one in value] if isinstance(value, tuple) else value
-
-
-def _or_reason(found: Any) -> dict[str, Any]:
-    """Of a dataclass, or of the sentence that stands in its place."""
-    return {"reason": found} if isinstance(found, str) else fields_to_json(found)
 
 
 def _departure(analysis: Analysis) -> dict[str, Any]:
@@ -235,7 +226,8 @@ def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     names = ("score", "residual", "leverage", "studentised", "cooks_distance")
     columns = np.column_stack([analysis.data.scores, fit.residuals, fit.leverage, fit.studentised, fit.cooks_distance])
     return {
-        **_of(fit, "condition_number", "rank"),
+        **_of(fit, "condition_number"),
+        "rank": fit.n_terms,
         "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
         "runs": [
             {"run_id": int(run_id), **dict(zip(names, row, strict=True))}
@@ -249,13 +241,15 @@ def interval_to_json(interval: Interval) -> dict[str, float]:
     return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
 
 
-def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
-    """Keys of ``diagnostics``."""
-    ids = analysis.data.run_ids
+def _unusual(analysis: Analysis) -> dict[str, Any]:
+    """Further keys of ``diagnostics``: what single runs do, and whether the quadratic's optimum is far from all."""
+    fit, ids = analysis.fit, analysis.data.run_ids
+    normal, row = normal_plot(fit), analysis.model.matrix(analysis.of_quadratic.point[None, :])
+    found = influential_runs(fit)
     return {
-        "extrapolated": study.extrapolated,
-        "influential": [{"run_id": int(ids[one.run]), **fields_to_json(one, but="run")} for one in study.influential],
-        "normal_plot": {"run_ids": ids[study.normal.runs].tolist(), **fields_to_json(study.normal, but="runs")},
+        "extrapolated": bool(extrapolated(fit, row)[0]),
+        "influential": [{"run_id": int(ids[one.run]), **fields_to_json(one, but="run")} for one in found],
+        "normal_plot": {"run_ids": ids[normal.runs].tolist(), **fields_to_json(normal, but="runs")},
     }
 
 
@@ -267,7 +261,7 @@ def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
 def _blocks(found: BlockStudy) -> dict[str, Any]:
     return {
         **_of(found, "effect"),
-        "new": _or_reason(found.new),
+        "new": {"reason": found.new} if isinstance(found.new, str) else fields_to_json(found.new),
         "s": found.sigma,
         "s_block": found.sigma_block,
         "ratio": {"low": found.ratio[0], "high": found.ratio[1]},

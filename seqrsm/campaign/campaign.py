@@ -101,7 +101,7 @@ class Campaign:
         n_draws: int = 4000,
         thorough: bool = False,
     ) -> tuple[Analysis, ...]:
-        """Analysis of every application, or of the one named; ``thorough`` adds the study of each, and is remembered.
+        """Analysis of every application, or of the one named; ``thorough``: see `analyse`; it is remembered.
 
         Raises
         ------

@@ -128,7 +128,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         tradeoff=read_tradeoff(spec.folder),
         candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
-        calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator and analyses else None,
+        calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator else None,
     )
 
 

@@ -21,7 +21,7 @@ from seqrsm.files import put
 from seqrsm.own_code import file_of, located
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
-from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
+from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
 from seqrsm.store.store import Store
 
 FORMAT = "seqrsm-export-1"
@@ -61,12 +61,8 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     elif target.suffix == ".csv":
         header, rows = run_rows(store.runs(), spec.region.names)
         texts = {target: csv_text(header, rows)}
-        for kind, made, records in (
-            ("looks", LookRecord, store.looks()),
-            ("events", EventRecord, store.events()),
-            ("files", FileRecord, store.files()),
-            ("rankings", RankingRecord, store.rankings()),
-        ):
+        for kind, made in KEPT.items():
+            records = getattr(store, kind)()
             if kind == "rankings" and not records:
                 continue  # few campaigns have any
             names = [column.name for column in fields(made)]
@@ -88,11 +84,7 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "campaign_toml": without_store((spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig")),
         "attached": [attached(spec.folder, path) for path in spec_files(spec)],
         "factors": [{"name": factor.name, "unit": getattr(factor, "unit", "")} for factor in spec.factors],
-        "runs": [asdict(run) for run in store.runs()],
-        "looks": [asdict(look) for look in store.looks()],
-        "events": [asdict(event) for event in store.events()],
-        "files": [asdict(file) for file in store.files()],
-        "rankings": [asdict(rank) for rank in store.rankings()],
+        **{kind: [asdict(record) for record in getattr(store, kind)()] for kind in ("runs", *KEPT)},
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 

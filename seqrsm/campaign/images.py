@@ -349,8 +349,6 @@ def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float |
     """Settings worth a picture: the optimum of the first analysis, and the fitted worst of the region."""
     from seqrsm.fit.optimum import optimum
 
-    if not analyses:
-        return {}
     analysis = analyses[0]
     worst = optimum(
         analysis.model,

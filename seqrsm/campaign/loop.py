@@ -253,7 +253,7 @@ class _ClosedLoop:
         self.say("sampling the posterior")
         with self._timed("sample"):
             thorough = campaign.analyse_all(sampler="emcee", thorough=True)  # as `fit` and `report` will ask for it
-            analyses = tuple(replace(analysis, steps=(), study=None) for analysis in thorough)
+            analyses = tuple(replace(analysis, steps=(), thorough=False) for analysis in thorough)
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
         compromise = campaign.compromise(analyses)

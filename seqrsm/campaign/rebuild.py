@@ -15,14 +15,14 @@ from seqrsm.campaign.export import FORMAT, own_functions, without_store
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
-from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord, misfit
+from seqrsm.store.records import KEPT, RunRecord, ScoreRecord, misfit
 from seqrsm.store.schema import STATES
 from seqrsm.store.store import Store
 
 MAX_BYTES = 500_000_000
 _AGAIN = "Export the campaign again: seqrsm export DIR FILE.json"
 
-Record = TypeVar("Record", RunRecord, ScoreRecord, LookRecord, EventRecord, FileRecord, RankingRecord)
+Record = TypeVar("Record")
 
 
 def rebuild(source: Path, folder: Path, *, trust_code: bool = False) -> None:
@@ -76,10 +76,7 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: 
         for one in attachments:
             _attach(one, source, folder)
         runs = [_run(row) for row in document["runs"]]
-        looks = [_record(LookRecord, row) for row in document["looks"]]
-        events = [_record(EventRecord, row) for row in document["events"]]
-        files = [_record(FileRecord, row) for row in document["files"]]
-        rankings = [_record(RankingRecord, row) for row in document["rankings"]]
+        kept: dict[str, Any] = {kind: [_record(made, row) for row in document[kind]] for kind, made in KEPT.items()}
         meta = {str(key): str(value) for key, value in document["campaign"].items()}
     except (KeyError, TypeError, ValueError, AttributeError, UnicodeError) as error:
         message = f"the export is damaged: {type(error).__name__} {error}"
@@ -98,7 +95,7 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: 
         message = f"the campaign includes code that check, run and image would execute: {told}"
         raise UserError(Problem(message, "Read it; if you trust it, add --trust-code.", file=where))
     with Store.open(spec.folder, create=True, campaign=spec.name, seed=spec.seed) as store:
-        store.restore(meta, runs, looks, events, files, rankings)
+        store.restore(meta, runs, **kept)
         if code:
             store.add_event("code trusted", {"code": code}, once=("code",))
 

@@ -156,14 +156,7 @@ def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunReco
         executed=None,
         block=run.block,
         cost=run.cost,
-        reason="",
         attempts=1,
-        owner="",
-        replaces=None,
-        proposed_at="",
-        issued_at=None,
-        started_at=None,
-        ended_at=None,
         scores=(ScoreRecord(number, **asdict(score), scored_at=""),),
     )
 

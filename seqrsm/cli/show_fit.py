@@ -15,9 +15,8 @@ from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
-from seqrsm.report.sections.model import importance_section
-from seqrsm.report.sections.study import term_test_table
-from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
+from seqrsm.report.sections.model import importance_section, term_test_table
+from seqrsm.report.sections.summary import result_section, summary_section
 from seqrsm.report.wording import format_setting, ground_name, parts_of_width, readable, watched_interval, with_unit
 
 if TYPE_CHECKING:
@@ -45,9 +44,8 @@ def show_fit(
         if asked:
             line()
             show_blocks([term_test_table(asked)])
-    if not has_one_result(analyses, compromise):
-        show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
     if compromise is not None:
+        show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
         show_sections([compromise_section(spec.factors, compromise)])
     show_sections([summary_section(spec, analyses, compromise, campaign.store.runs())])
 
@@ -56,7 +54,7 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     """End of `seqrsm run`: importance, recommendation, intervals, reasons, time split."""
     show_sections(importance_section(analysis, "") for analysis in outcome.analyses)
     runs, spec = campaign.store.runs(), campaign.spec
-    if not has_one_result(outcome.analyses, outcome.compromise):
+    if outcome.compromise is not None:
         rests = outcome.rests
         show_sections(result_section(spec, one, rests, "", one.application) for one in outcome.analyses)
     show_sections([summary_section(spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])

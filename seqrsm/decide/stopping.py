@@ -3,6 +3,9 @@
 Stopping as soon as an interval is narrow picks the moments when s happens to be too small. Therefore the rule also asks
 for a number of runs (or another guard). Where the interval is that of a quadratic alone it asks for pure error and for
 no significant lack of fit, too; elsewhere the chance of a surface that is no quadratic is part of the interval.
+
+All half-widths are ``t * s * sqrt(1/m + h)`` with ``h = z0' (Z'WZ)^-1 z0``: m is 1 for one future run (RSL TR 380-1
+eq. (2-23), the factor S restored), and inf for the mean response itself.
 """
 
 from __future__ import annotations
@@ -14,14 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.intervals import (
-    Agreement,
-    IntervalKind,
-    half_width,
-    independent_runs,
-    noise_floor,
-)
+from seqrsm.decide.confirmation import Agreement
+from seqrsm.fit.intervals import t_quantile
 
+IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 Guard = Literal["runs", "confirmation"]
 
 _RUNS_PER_TERM = 3.0  # of the guard "runs"
@@ -90,7 +89,9 @@ class StopRule:
             The rule's own by default.
         """
         kind = interval or self.interval
-        return independent_runs(kind, self.replicates, self.ground_share, counts_ground=self.counts_ground)
+        own = {"prediction": 1.0, "prediction_mean": 1.0 / self.replicates, "confidence": 0.0}[kind]
+        share = own * (1.0 - self.ground_share) + (self.ground_share if self.counts_ground else 0.0)
+        return 1.0 / share if share > 0.0 else float("inf")
 
     def min_runs(self, n_terms: int) -> int:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
@@ -108,7 +109,12 @@ class StopRule:
         interval : str, optional
             The rule's own by default.
         """
-        return half_width(s, df_residual, h, self.level, self.replicates_of(interval))
+        runs = self.replicates_of(interval)
+        return np.asarray(t_quantile(df_residual, self.level) * np.asarray(s) * np.sqrt(1.0 / runs + np.asarray(h)))
+
+    def noise_floor(self, s: float) -> float:
+        """Half-width that no number of runs can go below: the noise of the future runs themselves, 0 of their mean."""
+        return float(self.width(s, np.inf, 0.0))
 
 
 MODEL_ALPHA = 0.05
@@ -163,58 +169,11 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     enough = counts[widths <= rule.half_width]
     h_last = h * n_runs / last
     return Forecast(
-        noise_floor=noise_floor(s, rule.level, rule.replicates_of()),
+        noise_floor=rule.noise_floor(s),
         attainable_half_width=float(rule.width(s, last - n_terms, h_last)),
         attainable_mean_half_width=float(rule.width(s, last - n_terms, h_last, "prediction_mean")),
         runs_needed=int(enough[0]) if len(enough) else None,
     )
-
-
-def futility(
-    rule: StopRule, ahead: Forecast, *, n_terms: int, df_residual: int, model_p: float | None, width: float, unit: str
-) -> tuple[str, ...]:
-    """Why going on may be useless, in sentences.
-
-    Parameters
-    ----------
-    rule : StopRule
-    ahead : Forecast
-    n_terms, df_residual : int
-    model_p : float or None
-        p of the F test that no term but the intercept matters; 1 where all scores are equal.
-    width : float
-        Half-width now.
-    unit : str
-        Unit of the score.
-
-    Returns
-    -------
-    tuple of str
-    """
-    found = []
-    if rule.half_width < ahead.noise_floor:
-        found.append(
-            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor of "
-            f"± {amount(ahead.noise_floor, unit)}: more runs cannot narrow the {rule.interval_name} further. "
-            f"The mean of {rule.replicates} runs could be predicted to "
-            f"± {amount(ahead.attainable_mean_half_width, unit)}."
-        )
-    elif (
-        (ahead.runs_needed is None or ahead.runs_needed > rule.max_runs)
-        and np.isfinite(ahead.attainable_half_width)
-        and not width <= rule.half_width
-    ):
-        need = "more than a million" if ahead.runs_needed is None else f"about {ahead.runs_needed}"
-        found.append(
-            f"The budget of {rule.max_runs} runs is unlikely to reach the target: {need} runs are needed; "
-            f"± {amount(ahead.attainable_half_width, unit)} is attainable."
-        )
-    # With fewer residual degrees of freedom a test of all terms says little about any of them.
-    if width == 0.0 and model_p == 1.0:
-        found.append("All scores are equal: no factor has an effect, and every setting is equally good.")
-    elif model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
-        found.append(f"No factor has a significant effect so far (F test of all terms: p = {model_p:.2g}).")
-    return tuple(found)
 
 
 def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -> str:
@@ -250,7 +209,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
     if float(rule.width(sigma, runs - n_terms, 1.0 / runs)) <= rule.half_width:
         return ""
-    floor = noise_floor(sigma, rule.level, rule.replicates_of())
+    floor = rule.noise_floor(sigma)
     target = amount(rule.half_width, unit)
     if rule.half_width < floor:
         head = (
@@ -285,9 +244,8 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
         At least 2; None where `_MOST_FLIGHTS` do not suffice.
     """
     chance = sigma * np.sqrt(1.0 - rule.ground_share)
-    own = replace(rule, ground_share=0.0).replicates_of()
     n = np.arange(2, _MOST_FLIGHTS + 1)
-    enough = n[half_width(chance, n - 1, 1.0 / n, rule.level, own) <= rule.half_width]
+    enough = n[replace(rule, ground_share=0.0).width(chance, n - 1, 1.0 / n) <= rule.half_width]
     return int(enough[0]) if len(enough) else None
 
 
@@ -348,7 +306,7 @@ class Decision(Forecast):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What one look at the scores says of the interval at the optimum.
+    """What one look at the scores says of the interval at the optimum, and whether the model describes the region.
 
     Attributes
     ----------
@@ -360,15 +318,22 @@ class Look:
         Degrees of freedom of pure error.
     h : float
         ``z0' (Z'WZ)^-1 z0`` at the optimum.
-    half_width : float, optional
+    half_width : float
         Half-width of the rule's Student interval in score units, where the fit is on another scale than the scores; by
         default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
     model_p : float, optional
-        p of the F test that no term but the intercept matters.
+        p of the F test that no term but the intercept matters; 1 where all scores are equal.
     guess : float or None
         What would be scored without an image; None where it is not known.
     lead : float
         By how much the mean at the optimum is better than that, score units.
+    lack_of_fit : float or str
+        p of the lack-of-fit test, or why it cannot be made.
+    weighed : bool
+        A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
+        error is asked about.
+    saturated : bool
+        The model has a term for every setting of the region: there is no lack of fit to test.
     """
 
     n_runs: int
@@ -377,48 +342,65 @@ class Look:
     df_residual: int
     df_pure_error: int
     h: float
-    half_width: float | None = None
+    lack_of_fit: float | str
+    half_width: float = float("nan")
     model_p: float | None = None
     guess: float | None = None
     lead: float = float("inf")
-
-
-@dataclass(frozen=True, slots=True)
-class Adequacy:
-    """Whether the model describes the region.
-
-    Attributes
-    ----------
-    p : float or None
-        p of the lack-of-fit test; None where it cannot be made, for ``reason``.
-    reason : str
-    weighed : bool
-        A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
-        error is asked about.
-    saturated : bool
-        The model has a term for every setting of the region: there is no lack of fit to test.
-    """
-
-    p: float | None
-    reason: str = ""
     weighed: bool = False
     saturated: bool = False
 
 
-def decide(
-    rule: StopRule,
-    look: Look,
-    adequacy: Adequacy,
-    confirmation: Agreement | None = None,
-    unit: str = "",
-) -> Decision:
+def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: str) -> tuple[str, ...]:
+    """Why going on may be useless, in sentences.
+
+    Parameters
+    ----------
+    rule : StopRule
+    look : Look
+    ahead : Forecast
+    width : float
+        Half-width now.
+    unit : str
+        Unit of the score.
+
+    Returns
+    -------
+    tuple of str
+    """
+    found = []
+    if rule.half_width < ahead.noise_floor:
+        found.append(
+            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor of "
+            f"± {amount(ahead.noise_floor, unit)}: more runs cannot narrow the {rule.interval_name} further. "
+            f"The mean of {rule.replicates} runs could be predicted to "
+            f"± {amount(ahead.attainable_mean_half_width, unit)}."
+        )
+    elif (
+        (ahead.runs_needed is None or ahead.runs_needed > rule.max_runs)
+        and np.isfinite(ahead.attainable_half_width)
+        and not width <= rule.half_width
+    ):
+        need = "more than a million" if ahead.runs_needed is None else f"about {ahead.runs_needed}"
+        found.append(
+            f"The budget of {rule.max_runs} runs is unlikely to reach the target: {need} runs are needed; "
+            f"± {amount(ahead.attainable_half_width, unit)} is attainable."
+        )
+    # With fewer residual degrees of freedom a test of all terms says little about any of them.
+    if width == 0.0 and look.model_p == 1.0:
+        found.append("All scores are equal: no factor has an effect, and every setting is equally good.")
+    elif look.model_p is not None and look.model_p > MODEL_ALPHA and look.df_residual >= max(4, look.n_terms // 2):
+        found.append(f"No factor has a significant effect so far (F test of all terms: p = {look.model_p:.2g}).")
+    return tuple(found)
+
+
+def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, unit: str = "") -> Decision:
     """Apply the rule to one look.
 
     Parameters
     ----------
     rule : StopRule
     look : Look
-    adequacy : Adequacy
     confirmation : Agreement, optional
         Test of fresh runs at the recommended settings.
     unit : str
@@ -428,11 +410,10 @@ def decide(
     -------
     Decision
     """
-    n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    student = float(rule.width(s, df_residual, h))
-    scale = 1.0
-    if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
-        scale = look.half_width / student
+    n_runs, n_terms = look.n_runs, look.n_terms
+    student = float(rule.width(look.s, look.df_residual, look.h))
+    known = student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width)
+    scale = look.half_width / student if known else 1.0
     width = scale * student
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
@@ -441,19 +422,17 @@ def decide(
         checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look.lead, width, unit))
-    if not adequacy.weighed:
+    if not look.weighed:
         asked = f"{_MIN_DF_PURE_ERROR} are required"
         text = f"Repeated runs give {look.df_pure_error} degrees of freedom of pure error; {asked}."
         checks.append(Check("pure_error", look.df_pure_error >= _MIN_DF_PURE_ERROR, text))
-        checks.append(_lack_of_fit_check(rule, adequacy))
+        checks.append(_lack_of_fit_check(rule, look))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
     held = all(check.holds is True for check in checks)
-    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
-    useless = futility(
-        rule, ahead, n_terms=n_terms, df_residual=df_residual, model_p=look.model_p, width=width, unit=unit
-    )
+    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=look.s * scale, h=look.h)
+    useless = futility(rule, look, ahead, width, unit)
     budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
@@ -492,15 +471,13 @@ def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
     return Check("guess", False, text)
 
 
-def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:
-    p = adequacy.p
-    if adequacy.saturated:
+def _lack_of_fit_check(rule: StopRule, look: Look) -> Check:
+    p = look.lack_of_fit
+    if look.saturated:
         text = "The model has a term for every setting of the region, so lack of fit cannot arise."
         return Check("lack_of_fit", True, text)
-    if p is None or not np.isfinite(p):
-        return Check(
-            "lack_of_fit", None, f"Lack of fit cannot be tested{': ' + adequacy.reason if adequacy.reason else ''}."
-        )
+    if isinstance(p, str):
+        return Check("lack_of_fit", None, f"Lack of fit cannot be tested: {p}.")
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")

@@ -195,15 +195,6 @@ class ErrorModel:
         """
         raise NotImplementedError
 
-    def added(
-        self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
-    ) -> FloatArray:
-        """What blocks and single future runs (m, replicates) add to the mean response ``here`` (m,)."""
-        block = draws.of_blocks(rng)
-        noise = self.noise((len(here), replicates), rng)
-        spread = draws.sigma[:, None] / np.sqrt(scale.weight_at(here[:, None] + block))
-        return np.asarray(block + spread * noise)
-
     def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         """Errors of scale 1."""
         raise NotImplementedError
@@ -211,20 +202,15 @@ class ErrorModel:
     def future_scores(
         self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
     ) -> FloatArray:
-        """Scores (m, replicates) of future runs whose mean response is ``here`` (m,)."""
-        return scale.to_score(here[:, None] + self.added(draws, scale, here, replicates, rng))
+        """Scores (m, replicates) of future runs whose mean response is ``here`` (m,): blocks and single runs add."""
+        block = draws.of_blocks(rng)
+        noise = self.noise((len(here), replicates), rng)
+        spread = draws.sigma[:, None] / np.sqrt(scale.weight_at(here[:, None] + block))
+        return scale.to_score(here[:, None] + (block + spread * noise))
 
 
 class _Additive(ErrorModel):
-    """Errors that add to a linear model: drawn by a sampler of their own, or by emcee.
-
-    Attributes
-    ----------
-    family : "normal" or "student_t"
-        As emcee's target names it.
-    """
-
-    family: ClassVar[Literal["normal", "student_t"]]
+    """Errors that add to a linear model: drawn by a sampler of their own, or by emcee."""
 
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
@@ -245,7 +231,14 @@ class _Additive(ErrorModel):
         Z, y, weights, prior, seed = runs.Z, runs.y, runs.weights, runs.prior, int(rng.integers(2**31))
         try:
             chain = sample_posterior(
-                Z, y, weights, errors=self.family, prior=prior, nu=STUDENT_DF, bounds=inner, seed=seed
+                Z,
+                y,
+                weights,
+                errors="normal" if self.exact else "student_t",
+                prior=prior,
+                nu=STUDENT_DF,
+                bounds=inner,
+                seed=seed,
             )
         except ConvergenceError:
             if self.exact:
@@ -271,7 +264,6 @@ class Normal(_Additive):
 
     name = "normal"
     words = "normal"
-    family = "normal"
     exact = True
     random_blocks = True
 
@@ -298,7 +290,6 @@ class StudentT(_Additive):
 
     name = "student_t"
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
-    family = "student_t"
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Weights that make least squares the most likely fit."""

@@ -1,8 +1,4 @@
-"""Intervals of means and of future runs, F tests, and the analysis of variance with pure error and lack of fit.
-
-The order of the analysis of variance is that of R's ``rsm``: blocks, first order (FO), categories, interactions (TWI),
-squares (PQ), residual, and the residual split into lack of fit and pure error.
-"""
+"""Intervals of means and of future runs, F tests, and the parts of an analysis of variance."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr
-from scipy.special import fdtrc, stdtrit
+from scipy.special import stdtrit
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 
@@ -38,7 +34,7 @@ class Prediction:
     Attributes
     ----------
     mean : ndarray (m,)
-        Estimated mean response; nan where it is not estimable.
+        Estimated mean response.
     confidence : Interval
         Of the mean response (RSL TR 380-1 eq. 2-17).
     prediction : Interval
@@ -105,24 +101,6 @@ def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
     return quantile
 
 
-def f_ratio(ss: float, df: int, sse: float, df_residual: int) -> tuple[float, float, str]:
-    """F = (ss / df) / (sse / df_residual), its p value, and the reason where they are nan."""
-    nan = float("nan")
-    if df_residual == 0:
-        return nan, nan, "no residual degrees of freedom"
-    if sse == 0.0:
-        return nan, nan, "the model reproduces every score exactly, so there is no error to test against"
-    f = (ss / df) / (sse / df_residual)
-    return f, float(fdtrc(df, df_residual, f)), ""
-
-
-_GROUPS = (
-    ("block", "blocks"),
-    ("linear", "first order"),
-    ("category", "categories"),
-    ("interaction", "interactions"),
-    ("square", "squares"),
-)
 _RANK_TOLERANCE = 1e-11  # of a column's length: what is left of it beside the earlier columns counts as zero below
 
 
@@ -217,72 +195,3 @@ def pure_error(
     mean = np.bincount(group, weights * deviation) / np.bincount(group, weights)
     ss = float(np.sum(weights * np.square(deviation - mean[group])))
     return y.shape[0] - n_groups, ss, n_groups
-
-
-def lack_of_fit(
-    y: FloatArray,
-    weights: FloatArray,
-    sse: float,
-    rank: int,
-    setting_ids: IntArray | None,
-    block_ids: IntArray | None,
-    df_residual: int,
-) -> LackOfFit | str:
-    """Test lack of fit; a sentence instead when the runs do not allow it."""
-    if df_residual == 0:
-        return "no residual degrees of freedom: as many terms as runs"
-    if setting_ids is None:
-        return "which runs repeat a setting is not known"
-    df_pe, ss_pe, n_groups = pure_error(y, weights, setting_ids, block_ids)
-    df_lof = n_groups - rank
-    if df_pe == 0:
-        twice = len(np.unique(setting_ids)) < len(setting_ids)
-        where = "no setting was run twice" if not twice else "no setting was run twice in one block"
-        return f"{where}, so there is no pure error to test against"
-    if df_lof <= 0:
-        return "no more distinct settings than terms, so the model passes through all means of repeats"
-    if ss_pe == 0.0:
-        return "all repeated runs gave the same score: pure error is zero and F is undefined"
-    ss_lof = max(sse - ss_pe, 0.0)
-    f = (ss_lof / df_lof) / (ss_pe / df_pe)
-    return LackOfFit(df_lof, df_pe, ss_lof, ss_pe, f, float(fdtrc(df_lof, df_pe, f)))
-
-
-def anova_table(
-    Z: FloatArray,
-    y: FloatArray,
-    weights: FloatArray,
-    kinds: Sequence[str],
-    sse: float,
-    df_residual: int,
-    lof: LackOfFit | str,
-) -> tuple[AnovaRow, ...]:
-    """Rows of the sequential analysis of variance; groups that the model does not hold are left out."""
-    root = np.sqrt(weights)
-    X, nan = Z * root[:, None], float("nan")
-    kind = np.array(kinds)
-    held = [(name, key) for key, name in _GROUPS if np.any(kind == key)]
-    scores = y - y[0] if np.any(kind == "intercept") and np.ptp(y) == 0.0 else y  # equal scores leave no rounding dust
-    parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for _, key in held)], scores * root)
-    ms_error = sse / df_residual if df_residual > 0 else nan
-    rows = []
-    for (name, _), (df, ss) in zip(held, parts[1:], strict=True):
-        f = (ss / df) / ms_error if df > 0 and ms_error > 0.0 else nan
-        p = float(fdtrc(df, df_residual, f)) if f == f else nan
-        rows.append(AnovaRow(name, df, ss, ss / df if df > 0 else nan, f, p))
-    rows.append(AnovaRow("residual", df_residual, sse, ms_error, nan, nan))
-    if isinstance(lof, LackOfFit):
-        rows.append(AnovaRow("lack of fit", lof.df_lof, lof.ss_lof, lof.ss_lof / lof.df_lof, lof.f, lof.p))
-        rows.append(AnovaRow("pure error", lof.df_pe, lof.ss_pe, lof.ss_pe / lof.df_pe, nan, nan))
-    df_total = y.shape[0] - parts[0][0]
-    rows.append(AnovaRow("total", df_total, total_ss(y, weights, bool(np.any(kind == "intercept"))), nan, nan, nan))
-    return tuple(rows)
-
-
-def total_ss(y: FloatArray, weights: FloatArray, about_mean: bool) -> float:
-    """Weighted total sum of squares, about the weighted mean or about zero."""
-    if not about_mean:
-        return float(np.sum(weights * np.square(y)))
-    shifted = y - y[0]
-    mean = float(np.sum(weights * shifted) / np.sum(weights))
-    return float(np.sum(weights * np.square(shifted - mean)))

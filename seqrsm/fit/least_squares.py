@@ -1,8 +1,7 @@
 """Weighted least squares: coefficients, standard errors, intervals and tests (RSL TR 380-1 chapter 2.2).
 
 Rows of the model matrix ``Z`` are runs in coded units. Weights are inverse *relative* variances: run i has variance
-sigma^2 / weight_i. Nothing is dropped silently: terms that the runs cannot tell apart are named in ``aliased``, their
-estimates are nan, and predictions are given only where they do not depend on the choice among them.
+sigma^2 / weight_i. Terms that the runs cannot tell apart are refused by name: `AliasedError`.
 
 Beside the coefficients: what single runs do to a fit, in leverage, deleted residuals, PRESS and Cook's distance; the
 influential ones by name, the normal plot, and which points are extrapolations.
@@ -14,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri, stdtr
+from scipy.special import fdtrc, ndtri, stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import Term
@@ -26,17 +25,20 @@ from seqrsm.fit.intervals import (
     Interval,
     LackOfFit,
     Prediction,
-    anova_table,
-    f_ratio,
     group_index,
-    lack_of_fit,
     pure_error,
     sequential_ss,
     t_quantile,
-    total_ss,
 )
 from seqrsm.fit.linear_system import check_runs
 
+_GROUPS = {
+    "block": "blocks",
+    "linear": "first order",
+    "category": "categories",
+    "interaction": "interactions",
+    "square": "squares",
+}
 _LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of the model
 
 
@@ -65,7 +67,21 @@ def _run_diagnostics(
     return studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed))
 
 
-_ESTIMABLE = 1e-9  # relative size of the null-space component below which a function counts as estimable
+_DUST = 1e-9  # of a unit vector of the null space: a term with less takes no part in a dependence
+
+
+class AliasedError(FitError):
+    """The runs cannot tell some terms apart.
+
+    Attributes
+    ----------
+    n_dependent : int
+        Linear dependences among the terms.
+    """
+
+    def __init__(self, terms: Sequence[str], n_dependent: int) -> None:
+        super().__init__(Problem(f"the runs cannot separate these terms: {', '.join(terms)}", "Add runs."))
+        self.n_dependent = n_dependent
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +93,12 @@ class LeastSquaresFit:
     names, kinds : tuple of str
         Of the p columns.
     estimate, se : ndarray (p,)
-        Coefficients and standard errors; nan for aliased terms (``se`` also when saturated).
+        Coefficients and standard errors; ``se`` is nan when saturated.
     covariance_unscaled : ndarray (p, p)
-        (Z'WZ)^-1; rows and columns of aliased terms are nan.
+        (Z'WZ)^-1.
     s : float
         Residual standard deviation of a run of weight 1 (RSL TR 380-1 eq. 2-13); nan when ``df_residual`` is 0.
-    n_runs, n_terms, rank, df_residual : int
+    n_runs, n_terms, df_residual : int
     sse, sst : float
         Weighted residual and total sum of squares, the latter about the mean when there is an intercept.
     r2, r2_adjusted, press, r2_predicted : float
@@ -90,16 +106,14 @@ class LeastSquaresFit:
         ``residuals`` are unweighted; ``studentised`` externally; nan where undefined.
     condition_number : float
         Of the weighted model matrix with columns of unit length.
-    aliased : tuple of str
-        Every term that takes part in an exact linear dependence.
     leverage_one_runs : tuple of int
         Indices of runs that the model must pass through; PRESS is undefined when there are any.
     reason : str
         Why s, standard errors or tests are undefined; empty when they are not.
     Z, y, weights, setting_ids, block_ids
         The data as fitted.
-    basis_estimate, factor, null : ndarray
-        Basic solution (p,), L with (Z'WZ)^-1 = LL' on the basis columns (p, rank), null space (p, p - rank).
+    factor : ndarray (p, p)
+        L with (Z'WZ)^-1 = LL'.
     """
 
     names: tuple[str, ...]
@@ -110,7 +124,6 @@ class LeastSquaresFit:
     s: float
     n_runs: int
     n_terms: int
-    rank: int
     df_residual: int
     sse: float
     sst: float
@@ -124,7 +137,6 @@ class LeastSquaresFit:
     studentised: FloatArray
     cooks_distance: FloatArray
     condition_number: float
-    aliased: tuple[str, ...]
     leverage_one_runs: tuple[int, ...]
     reason: str
     Z: FloatArray
@@ -132,9 +144,7 @@ class LeastSquaresFit:
     weights: FloatArray
     setting_ids: IntArray | None
     block_ids: IntArray | None
-    basis_estimate: FloatArray
     factor: FloatArray
-    null: FloatArray
 
     @property
     def t(self) -> FloatArray:
@@ -167,19 +177,9 @@ class LeastSquaresFit:
         full[:, model] = rows
         return full
 
-    def estimable(self, rows: FloatArray) -> BoolArray:
-        """Whether the runs determine the mean response at each row (m, p) -> (m,)."""
-        rows = self.rows_with_mean_block(rows)
-        if self.null.shape[1] == 0:
-            return np.ones(rows.shape[0], dtype=np.bool_)
-        scale = np.abs(rows) @ np.abs(self.null)
-        return np.asarray(np.all(np.abs(rows @ self.null) <= _ESTIMABLE * scale, axis=1))
-
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
-        """z'(Z'WZ)^-1 z at each row (m, p) -> (m,); nan where not estimable (RSL TR 380-1 eq. 2-17)."""
-        rows = self.rows_with_mean_block(rows)
-        h = np.sum(np.square(rows @ self.factor), axis=1)
-        return np.where(self.estimable(rows), h, np.nan)
+        """z'(Z'WZ)^-1 z at each row (m, p) -> (m,) (RSL TR 380-1 eq. 2-17)."""
+        return np.asarray(np.sum(np.square(self.rows_with_mean_block(rows) @ self.factor), axis=1))
 
     def predict(
         self,
@@ -205,8 +205,7 @@ class LeastSquaresFit:
         if replicates < 1 or np.any(np.asarray(weight) <= 0.0):
             raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
-        estimable = self.estimable(rows)
-        mean = np.where(estimable, rows @ self.basis_estimate, np.nan)
+        mean = rows @ self.estimate
         h = self.variance_unscaled(rows)
         se_mean = self.s * np.sqrt(h)
         se_prediction = self.s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
@@ -222,37 +221,41 @@ class LeastSquaresFit:
     def partial_f(self, indices: Sequence[int] | IntArray) -> FTest:
         """F test that all coefficients in ``indices`` are zero, given the other terms (RSL TR 380-1 eq. 2-14).
 
-        The extra sum of squares is b'(C_gg)^-1 b over the group; with short rank it is the squared projection of y
-        on what the group adds to the other columns, which is the same thing where both exist.
+        The extra sum of squares is b'(C_gg)^-1 b over the group.
         """
         group = np.unique(np.asarray(indices, dtype=np.int64))
         if group.size == 0 or group[0] < 0 or group[-1] >= self.n_terms:
             raise ValueError(f"indices must name terms 0 ... {self.n_terms - 1}")
-        if self.rank == self.n_terms:
-            _, R = np.linalg.qr(self.factor[group].T)
-            df, ss = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
-        else:
-            root = np.sqrt(self.weights)
-            others = np.setdiff1d(np.arange(self.n_terms), group)
-            X = self.Z * root[:, None]
-            df, ss = sequential_ss([X[:, others], X[:, group]], self.y * root)[1]
-        if df == 0:
-            nan = float("nan")
-            return FTest(0, 0.0, nan, nan, nan, "the group is aliased with the other terms")
-        f, p, reason = f_ratio(ss, df, self.sse, self.df_residual)
-        return FTest(df, ss, ss / df, f, p, reason)
+        _, R = np.linalg.qr(self.factor[group].T)
+        df, ss = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
+        nan = float("nan")
+        if self.df_residual == 0:
+            return FTest(df, ss, ss / df, nan, nan, "no residual degrees of freedom")
+        if self.sse == 0.0:
+            reason = "the model reproduces every score exactly, so there is no error to test against"
+            return FTest(df, ss, ss / df, nan, nan, reason)
+        f = (ss / df) / (self.sse / self.df_residual)
+        return FTest(df, ss, ss / df, f, float(fdtrc(df, self.df_residual, f)))
 
     def lack_of_fit(self) -> LackOfFit | str:
-        """Lack-of-fit test against pure error, or the reason why there is none."""
-        return lack_of_fit(
-            self.y,
-            self.weights,
-            self.sse,
-            self.rank,
-            self.setting_ids,
-            self.block_ids,
-            self.df_residual,
-        )
+        """Lack-of-fit test against pure error, or a sentence that says why the runs do not allow it."""
+        if self.df_residual == 0:
+            return "no residual degrees of freedom: as many terms as runs"
+        if self.setting_ids is None:
+            return "which runs repeat a setting is not known"
+        df_pe, ss_pe, n_groups = pure_error(self.y, self.weights, self.setting_ids, self.block_ids)
+        df_lof = n_groups - self.n_terms
+        if df_pe == 0:
+            twice = len(np.unique(self.setting_ids)) < len(self.setting_ids)
+            where = "no setting was run twice" if not twice else "no setting was run twice in one block"
+            return f"{where}, so there is no pure error to test against"
+        if df_lof <= 0:
+            return "no more distinct settings than terms, so the model passes through all means of repeats"
+        if ss_pe == 0.0:
+            return "all repeated runs gave the same score: pure error is zero and F is undefined"
+        ss_lof = max(self.sse - ss_pe, 0.0)
+        f = (ss_lof / df_lof) / (ss_pe / df_pe)
+        return LackOfFit(df_lof, df_pe, ss_lof, ss_pe, f, float(fdtrc(df_lof, df_pe, f)))
 
     @property
     def df_pure_error(self) -> int:
@@ -263,11 +266,34 @@ class LeastSquaresFit:
         return found[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
-        """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
-        return anova_table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
+        """Sequential analysis of variance; groups of terms that the model does not hold are left out.
+
+        The order is that of R's ``rsm``: blocks, first order (FO), categories, interactions (TWI), squares (PQ),
+        residual, the residual split into lack of fit and pure error, total.
+        """
+        root, nan = np.sqrt(self.weights), float("nan")
+        X = self.Z * root[:, None]
+        kind = np.array(self.kinds)
+        held = [key for key in _GROUPS if key in self.kinds]
+        constant = "intercept" in self.kinds and np.ptp(self.y) == 0.0
+        scores = self.y - self.y[0] if constant else self.y  # equal scores leave no rounding dust
+        parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for key in held)], scores * root)
+        ms_error = self.sse / self.df_residual if self.df_residual > 0 else nan
+        rows = []
+        for key, (df, ss) in zip(held, parts[1:], strict=True):
+            f = (ss / df) / ms_error if df > 0 and ms_error > 0.0 else nan
+            p = float(fdtrc(df, self.df_residual, f)) if f == f else nan
+            rows.append(AnovaRow(_GROUPS[key], df, ss, ss / df if df > 0 else nan, f, p))
+        rows.append(AnovaRow("residual", self.df_residual, self.sse, ms_error, nan, nan))
+        lack = self.lack_of_fit()
+        if isinstance(lack, LackOfFit):
+            rows.append(AnovaRow("lack of fit", lack.df_lof, lack.ss_lof, lack.ss_lof / lack.df_lof, lack.f, lack.p))
+            rows.append(AnovaRow("pure error", lack.df_pe, lack.ss_pe, lack.ss_pe / lack.df_pe, nan, nan))
+        rows.append(AnovaRow("total", self.n_runs - parts[0][0], self.sst, nan, nan, nan))
+        return tuple(rows)
 
     def vif(self) -> FloatArray:
-        """Variance inflation factors (p,): variance over that of the column alone; nan for intercept and aliased."""
+        """Variance inflation factors (p,): variance over that of the column alone; nan for the intercept."""
         w = self.weights[:, None]
         has_intercept = "intercept" in self.kinds
         centre = np.sum(w * self.Z, axis=0) / np.sum(w) if has_intercept else np.zeros(self.n_terms)
@@ -306,6 +332,8 @@ def fit_least_squares(
     ------
     FitError
         Fewer runs than terms, or a score, weight or setting that is not a finite number; all such runs are named.
+    AliasedError
+        Terms that take part in an exact linear dependence.
     """
     Z = np.ascontiguousarray(Z, dtype=np.float64)
     y = np.ascontiguousarray(y, dtype=np.float64)
@@ -322,37 +350,36 @@ def fit_least_squares(
         block_ids = [tuple(row) for row in Z[:, in_blocks].tolist()]
     root = np.sqrt(w)
     factors = linear_system.factorise(Z * root[:, None])
-    basic, r = linear_system.solve(factors, y * root)
+    if factors.rank < p:
+        involved = np.any(np.abs(factors.null) > _DUST, axis=1)
+        raise AliasedError([name for name, hit in zip(names, involved, strict=True) if hit], p - factors.rank)
+    estimate, r = linear_system.solve(factors, y * root)
     # Residuals below the rounding of the scores as stored carry no information: the fit is exact.
-    if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == factors.rank:
+    if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == p:
         r = np.zeros(n)
     if "intercept" in kinds and float(np.ptp(y)) == 0.0:  # no rounding dust, whose sign would place an optimum
-        basic = np.where(np.array(kinds) == "intercept", y[0], 0.0)
-    rank, df = factors.rank, n - factors.rank
+        estimate = np.where(np.array(kinds) == "intercept", y[0], 0.0)
+    df = n - p
     L = linear_system.covariance_factor(factors)
     C = linear_system.covariance(factors, L)
-    # Rounding leaves dust in the null space; a term that takes no part in any dependence has none.
-    null = np.where(np.abs(factors.null) > _ESTIMABLE, factors.null, 0.0)
-    bad = np.any(null != 0.0, axis=1)
-    C = np.where(bad[:, None] | bad[None, :], np.nan, C)
-    aliased = tuple(name for name, b in zip(names, bad, strict=True) if b)
     sse = float(r @ r)
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
-    sst = total_ss(y, w, "intercept" in kinds)
-    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, df, rank)
+    shifted = y - y[0]  # no digits are lost to a large mean
+    mean = float(np.sum(w * shifted) / np.sum(w))
+    sst = float(np.sum(w * np.square(shifted - mean))) if "intercept" in kinds else float(np.sum(w * np.square(y)))
+    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, df, p)
     r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
     df_total = n - (1 if "intercept" in kinds else 0)
     return LeastSquaresFit(
         names=names,
         kinds=kinds,
-        estimate=np.where(bad, np.nan, basic),
+        estimate=estimate,
         se=s * np.sqrt(np.diagonal(C)),
         covariance_unscaled=C,
         s=s,
         n_runs=n,
         n_terms=p,
-        rank=rank,
         df_residual=df,
         sse=sse,
         sst=sst,
@@ -366,17 +393,14 @@ def fit_least_squares(
         studentised=studentised,
         cooks_distance=cooks_distance,
         condition_number=factors.condition_number,
-        aliased=aliased,
         leverage_one_runs=leverage_one_runs,
-        reason=_reason(n, rank, sse, aliased),
+        reason=_reason(n, p, sse),
         Z=Z,
         y=y,
         weights=w,
         setting_ids=group_index(setting_ids, n),
         block_ids=group_index(block_ids, n),
-        basis_estimate=basic,
         factor=L,
-        null=null * factors.scale[:, None],
     )
 
 
@@ -402,15 +426,10 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
     return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
 
 
-def _reason(n: int, rank: int, sse: float, aliased: tuple[str, ...]) -> str:
-    reasons = []
-    if n == rank:
-        reasons.append("as many terms as runs: no residual degrees of freedom, so s and intervals are undefined")
-    elif sse == 0.0:
-        reasons.append("the model reproduces every score exactly: s is 0 and F tests are undefined")
-    if aliased:
-        reasons.append(f"the runs cannot tell these terms apart: {', '.join(aliased)}")
-    return "; ".join(reasons)
+def _reason(n: int, p: int, sse: float) -> str:
+    if n == p:
+        return "as many terms as runs: no residual degrees of freedom, so s and intervals are undefined"
+    return "the model reproduces every score exactly: s is 0 and F tests are undefined" if sse == 0.0 else ""
 
 
 OUTLIER = 0.05  # familywise level of the outlier test
@@ -485,7 +504,7 @@ def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
     tuple of InfluentialRun
         The largest Cook's distance first.
     """
-    n, p = fit.n_runs, fit.rank
+    n, p = fit.n_runs, fit.n_terms
     chance, tested = outlier_p(fit), int(np.count_nonzero(np.isfinite(fit.studentised)))
     found = []
     for i in range(n):
@@ -508,7 +527,7 @@ def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
 def extrapolated(fit: LeastSquaresFit, rows: FloatArray) -> BoolArray:
     """Which model rows (m, p) are further from the runs than any run is: z'Cz above that of every run.
 
-    Both sides leave out the weights: a precise run does not reach further. True where the mean is not estimable.
+    Both sides leave out the weights: a precise run does not reach further.
     """
     limit = float(np.max(fit.variance_unscaled(fit.Z)))
-    return np.asarray(~(fit.variance_unscaled(rows) <= limit * (1.0 + 1e-9)))
+    return np.asarray(fit.variance_unscaled(rows) > limit * (1.0 + 1e-9))

@@ -219,9 +219,9 @@ def solve_augmented(
 
 
 def solve(factors: Factorisation, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least-squares coefficients (p,), zero off the basis columns, and residuals (n,), for unscaled columns."""
-    basis = factors.pivot[: factors.rank]
-    coefficients = np.zeros(factors.X.shape[1])
+    """Least-squares coefficients (p,) and residuals (n,), for unscaled columns; of full rank."""
+    basis = factors.pivot
+    coefficients = np.zeros(factors.rank)
     g = np.zeros((factors.rank, 1))
     b, r = solve_augmented(np.ascontiguousarray(factors.X[:, basis]), factors.Q, factors.R, y[:, None], g)
     coefficients[basis] = b[:, 0] * factors.scale[basis]
@@ -229,20 +229,16 @@ def solve(factors: Factorisation, y: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def covariance_factor(factors: Factorisation) -> FloatArray:
-    """Matrix ``L`` (p, rank) with (Z'Z)^-1 = L L' on the basis columns; rows off the basis are zero."""
-    basis = factors.pivot[: factors.rank]
-    inverse = np.zeros((0, 0))
-    if factors.rank:
-        inverse, _ = dtrtri(factors.R)  # unlike a triangular solve it is not spread over threads, which is slower
-        inverse = np.triu(inverse)
-    L = np.zeros((factors.X.shape[1], factors.rank))
-    L[basis] = inverse * factors.scale[basis, None]
+    """Matrix ``L`` (p, p) with (Z'Z)^-1 = L L'; of full rank."""
+    inverse, _ = dtrtri(factors.R)  # unlike a triangular solve it is not spread over threads, which is slower
+    L = np.zeros((factors.rank, factors.rank))
+    L[factors.pivot] = np.triu(inverse) * factors.scale[factors.pivot, None]
     return L
 
 
 def covariance(factors: Factorisation, L: FloatArray) -> FloatArray:
     """Unscaled covariance (Z'Z)^-1 (p, p); its columns are refined where the condition number costs digits."""
-    if factors.condition_number < _REFINE_COVARIANCE_ABOVE or factors.rank < factors.X.shape[1]:
+    if factors.condition_number < _REFINE_COVARIANCE_ABOVE:
         return L @ L.T
     basis = factors.pivot
     f = np.zeros((factors.X.shape[0], factors.rank))

@@ -61,7 +61,6 @@ def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: flo
     Returns
     -------
     Prediction
-        ``mean``, ``se_mean`` and ``confidence`` (p,) are those of the coefficients, in the order of the model's terms;
-        nan where not estimable: the coefficient takes part in an alias, or a term it is made of does.
+        ``mean``, ``se_mean`` and ``confidence`` (p,) are those of the coefficients, in the order of the model's terms.
     """
     return fit.predict(natural_transform(model), level)

@@ -24,7 +24,7 @@ from seqrsm.report.sections.sources import (
     provenance_section,
 )
 from seqrsm.report.sections.speed import speed_section
-from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
+from seqrsm.report.sections.summary import result_section, summary_section
 from seqrsm.report.wording import listing
 
 
@@ -44,7 +44,7 @@ def build_report(dossier: Dossier) -> Report:
     spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
     sections: list[Section | None] = [summary_section(spec, analyses, dossier.compromise, runs, dossier.rests)]
     methods: list[Section | None] = []
-    alone = has_one_result(analyses, dossier.compromise)
+    alone = dossier.compromise is None  # of one application
     if dossier.compromise is not None:
         sections.append(compromise_section(spec.factors, dossier.compromise))
     for number, analysis in enumerate(analyses, 1):
@@ -75,7 +75,7 @@ def build_report(dossier: Dossier) -> Report:
         printed_section(dossier),
         cover_section(dossier),
         provenance_section(dossier),
-        run_section(dossier) if runs else None,
+        run_section(dossier),
     )
     shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
     shown = list(_once(shown, set()))
@@ -116,8 +116,6 @@ def _once(sections: Iterable[Section], told: set[str]) -> Iterator[Section]:
 def _state_text(dossier: Dossier) -> str:
     """Which state of which campaign the report shows."""
     scored = sum(run.state == "scored" for run in dossier.runs)
-    if not scored:
-        return f"no score yet; specification {dossier.spec.spec_hash[:12]}"
     last = max(run.run_id for run in dossier.runs)
     return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"
 

@@ -90,10 +90,9 @@ def format_significant(value: float, digits: int = 3) -> str:
     return format_number(value, decimals_of_significant(value, digits))
 
 
-def format_plus_minus(value: float, uncertainty: float, decimals: int | None = None) -> str:
-    """Format ``value ± uncertainty``, both to the same decimal place: that of the uncertainty unless given."""
-    if decimals is None:
-        decimals = decimals_for(uncertainty, decimals_of_significant(value, 3))
+def format_plus_minus(value: float, uncertainty: float) -> str:
+    """Format ``value ± uncertainty``, both to the decimal place of the uncertainty."""
+    decimals = decimals_for(uncertainty, decimals_of_significant(value, 3))
     if not math.isfinite(uncertainty):
         return format_number(value, decimals)
     return f"{format_number(value, decimals)}\u00a0\u00b1\u00a0{format_number(abs(uncertainty), decimals)}"

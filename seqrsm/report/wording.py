@@ -16,7 +16,6 @@ from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.blocks import Cell, Column, right
 from seqrsm.report.rounding import (
-    NOTHING,
     decimals_for,
     decimals_of_significant,
     format_number,
@@ -90,11 +89,11 @@ def factor_column(factor: Factor) -> Column:
     return right(readable(factor.name), "" if isinstance(factor, CategoricalFactor) else factor.unit)
 
 
-def listing(items: Sequence[str], last: str = "and") -> str:
+def listing(items: Sequence[str]) -> str:
     """Join items: ``"a"``, ``"a and b"``, ``"a, b and c"``."""
     if len(items) < 2:
         return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+    return f"{', '.join(items[:-1])} and {items[-1]}"
 
 
 def setting_decimals(factor: NumericFactor, value: float, spread: float = math.nan) -> int:
@@ -221,9 +220,7 @@ def no_error_estimate(analysis: Analysis) -> str:
     """Why there are no intervals, in words; "" where there are."""
     fit = analysis.fit
     if fit.df_residual == 0:
-        return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.rank} terms)"
-    if not math.isfinite(analysis.optimum.confidence.half_width):
-        return "no interval: the runs do not determine the score at these settings"
+        return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.n_terms} terms)"
     return ""
 
 
@@ -278,19 +275,20 @@ def mean_text(analysis: Analysis) -> str:
     return with_unit(f"{format_number(best.mean, decimals)} ({ends})", analysis.score_unit)
 
 
-def setting_spread(posterior: SettingPosterior | None) -> float:
-    """Half the width of the credible interval of an optimal setting; nan where there is none."""
-    return math.nan if posterior is None else 0.5 * (posterior.high - posterior.low)
-
-
-def setting_posterior(analysis: Analysis, factor: Factor) -> SettingPosterior | None:
+def setting_posterior(analysis: Analysis, factor: Factor) -> SettingPosterior:
     """Posterior of a factor's optimal setting."""
-    return next((item for item in analysis.posterior.settings if item.factor == factor.name), None)
+    return analysis.posterior.settings[analysis.region.names.index(factor.name)]
+
+
+def setting_spread(analysis: Analysis, factor: Factor) -> float:
+    """Half the width of the credible interval of an optimal setting; nan for a factor of levels."""
+    posterior = setting_posterior(analysis, factor)
+    return 0.5 * (posterior.high - posterior.low)
 
 
 def optimum_setting_text(analysis: Analysis, factor: Factor, *, unit: bool = True) -> str:
     """Return the recommended setting of a factor, to the digits that its posterior supports."""
-    spread = setting_spread(setting_posterior(analysis, factor))
+    spread = setting_spread(analysis, factor)
     return format_setting(factor, analysis.optimum.settings[factor.name], spread, unit=unit)
 
 
@@ -306,24 +304,19 @@ def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) ->
 
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:
     """Return the credible interval of an optimal setting, or the probabilities of the levels."""
-    posterior = setting_posterior(analysis, factor)
-    if posterior is None:
-        return NOTHING
     shares = level_probabilities(analysis, factor)
     if shares:
         ordered = sorted(shares.items(), key=lambda item: -item[1])
         return ", ".join(f"{level}: {format_share(share)}" for level, share in ordered if share >= 0.005)
-    spread = setting_spread(posterior)
+    posterior, spread = setting_posterior(analysis, factor), setting_spread(analysis, factor)
     ends = (format_setting(factor, end, spread, unit=False) for end in (posterior.low, posterior.high))
     return " to ".join(ends)
 
 
 def at_bound_text(analysis: Analysis, factor: Factor) -> str:
     """Return the probability that the optimal setting lies at a bound; "" for a factor without bounds."""
-    posterior = setting_posterior(analysis, factor)
-    if posterior is None or math.isnan(posterior.p_at_bound):
-        return ""
-    return format_share(posterior.p_at_bound)
+    share = setting_posterior(analysis, factor).p_at_bound
+    return "" if math.isnan(share) else format_share(share)
 
 
 def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:

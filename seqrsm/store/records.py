@@ -134,14 +134,14 @@ class RunRecord:
     executed: Settings | None
     block: str
     cost: float
-    reason: str
-    attempts: int
-    owner: str
-    replaces: int | None
-    proposed_at: str
-    issued_at: str | None
-    started_at: str | None
-    ended_at: str | None
+    reason: str = ""
+    attempts: int = 0
+    owner: str = ""
+    replaces: int | None = None
+    proposed_at: str = ""
+    issued_at: str | None = None
+    started_at: str | None = None
+    ended_at: str | None = None
     seen_at: str | None = None
     fault: str = ""
     scores: tuple[ScoreRecord, ...] = ()
@@ -262,6 +262,10 @@ class RankingRecord:
     source_row: int | None
     reason: str
     ranked_at: str
+
+
+KEPT = {"looks": LookRecord, "events": EventRecord, "files": FileRecord, "rankings": RankingRecord}
+"""What a store keeps beside the runs, by the methods that give it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,10 +133,10 @@ def test_an_error_is_wrapped_at_words(tiny: Path) -> None:
 
 
 def test_notes_are_grouped_by_what_they_are_about():
-    grouped = group_notes(NOTES, ("Wheat", "Corn"))
-    assert dict(grouped.about_covers)["2.6 GHz interpolated between 1.25 and 3 GHz"] == ("Wheat", "Corn")
-    assert [(cover, channel) for cover, channel, _ in grouped.about_channels] == [("Corn", "HH"), ("Corn", "HV")]
-    assert grouped.others == ("antenna gain is the same over the swath",)
+    about_covers, about_channels, others = group_notes(NOTES, ("Wheat", "Corn"))
+    assert about_covers["2.6 GHz interpolated between 1.25 and 3 GHz"] == ["Wheat", "Corn"]
+    assert [(cover, channel) for cover, channel, _ in about_channels] == [("Corn", "HH"), ("Corn", "HV")]
+    assert others == ("antenna gain is the same over the swath",)
 
 
 def test_status_fits_a_terminal_and_honours_no_color(tiny: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
@@ -23,7 +24,7 @@ from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
-from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
+from seqrsm.decide.stopping import Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import stationary_point
@@ -183,17 +184,16 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
     )
     lack = fit.lack_of_fit()
     rule = StopRule(interval=stop.interval, half_width=stop.half_width, level=stop.level, max_runs=stop.max_runs)
-    tested = isinstance(lack, LackOfFit)
     look = Look(
         n_runs=fit.n_runs,
         n_terms=fit.n_terms,
         s=fit.s,
         df_residual=fit.df_residual,
-        df_pure_error=lack.df_pe if tested else 0,
+        df_pure_error=lack.df_pe if isinstance(lack, LackOfFit) else 0,
         h=float(fit.variance_unscaled(row)[0]),
+        lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
     )
-    adequacy = Adequacy(lack.p if tested else None, "" if tested else lack)
-    decision = decide(rule, look, adequacy, unit=unit)
+    decision = decide(rule, look, unit=unit)
     importance = []
     for factor in region.factors:
         test = fit.partial_f(model.factor_terms(factor.name))
@@ -387,7 +387,7 @@ def many_dossier(folder: Path, *, saturated=False) -> Dossier:
     scores = points[:, 0] - points[:, 3] ** 2 + 0.2 * rng.standard_normal(len(points))
     runs = runs_of(spec, points, scores, None)
     analysis = make_analysis(spec, runs, draws=300)
-    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ())
+    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ("seqrsm report .",))
 
 
 def two_uses(flight, **changes):
@@ -395,4 +395,5 @@ def two_uses(flight, **changes):
     first, (use,) = flight.analyses[0], flight.spec.applications
     spec = dataclasses.replace(flight.spec, applications=(use, use.model_copy(update={"name": "other use"})))
     analyses = (first, dataclasses.replace(first, application="other use"))
+    changes.setdefault("compromise", campaign_compromise(spec, analyses))
     return dataclasses.replace(flight, spec=spec, analyses=analyses, **changes)

@@ -59,10 +59,10 @@ from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.measure import measure_section
+from seqrsm.report.sections.model import term_test_table
 from seqrsm.report.sections.optimum import shape_section
 from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
-from seqrsm.report.sections.study import term_test_table
 from seqrsm.store.records import EventRecord
 
 pytestmark = pytest.mark.usefixtures("few_draws")
@@ -356,7 +356,7 @@ BY_REPORT = {
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
     "literature_section", "method_sections", "model_section", "optimum_section",
     "printed_section", "provenance_section", "question_section", "result_section", "run_section",
-    "shape_section", "summary_section", "surface_section", "by_block",
+    "shape_section", "summary_section", "surface_section",
 }  # fmt: skip
 BY_NAME = {
     "calendar_section", "candidate_section", "check_sections", "measure_section", "rehearsal_section", "speed_section",

@@ -8,7 +8,7 @@ import pytest
 from report_dossiers import simulated_dossier
 
 from seqrsm.analysis.results import SettingPosterior
-from seqrsm.report.sections.literature import catalogue_words, literature, literature_section
+from seqrsm.report.sections.literature import catalogue_words, comparisons, literature_section, looked_up
 
 
 @pytest.mark.parametrize(
@@ -30,25 +30,30 @@ def test_a_named_entry_goes_first():
 
 
 def test_the_description_of_several_applications_is_about_none_of_them(dossier):
-    analysis = dataclasses.replace(dossier.analyses[0], application="best")
     one = dossier.spec.applications[0].model_copy(update={"name": "best"})
     spec = dataclasses.replace(dossier.spec, description="How well is soil moisture seen?", applications=(one,))
-    assert literature(spec, analysis).asked == "soil moisture"
+    assert looked_up(spec, "best")[0] == "soil moisture"
     other = one.model_copy(update={"name": "other"})
-    assert literature(dataclasses.replace(spec, applications=(one, other)), analysis) is None
+    assert looked_up(dataclasses.replace(spec, applications=(one, other)), "best") is None
 
 
 def test_the_key_of_campaign_toml_is_looked_up(dossier):
     application = dossier.spec.applications[0].model_copy(update={"catalog": "soil moisture"})
     spec = dataclasses.replace(dossier.spec, applications=(application,))
-    found = literature(spec, dossier.analyses[0])
-    assert (found.asked, found.reason) == ("soil moisture", "named in campaign.toml")
-    assert {"A.16", "A.17"} <= {table for row in found.comparisons for table in row.tables.split(", ")}
+    asked, reason, start = looked_up(spec, application.name)
+    assert (asked, reason) == ("soil moisture", "named in campaign.toml")
+    rows = comparisons(spec, dossier.analyses[0], start)
+    assert {"A.16", "A.17"} <= {table for row in rows for table in row.tables.split(", ")}
 
 
 @pytest.fixture(scope="module")
 def dossier(tmp_path_factory):
     return simulated_dossier(tmp_path_factory.mktemp("literature"), draws=200)
+
+
+def rows_of(spec, analysis):
+    _, _, start = looked_up(spec, analysis.application)
+    return {row.parameter: row for row in comparisons(spec, analysis, start)}
 
 
 def with_optimum(dossier, name, value, low, high):
@@ -71,32 +76,31 @@ def with_optimum(dossier, name, value, low, high):
     [(12.0, 11.0, 13.0, "agrees"), (7.0, 5.0, 9.5, "not excluded"), (3.0, 2.0, 4.0, "differs")],
 )
 def test_verdict_follows_from_the_printed_range(dossier, value, low, high, verdict):
-    found = literature(dossier.spec, with_optimum(dossier, "frequency", value, low, high))
-    rows = {row.parameter: row for row in found.comparisons}
+    rows = rows_of(dossier.spec, with_optimum(dossier, "frequency", value, low, high))
     assert rows["frequency"].verdict == verdict
     assert rows["frequency"].printed.startswith("9 to 36")
     assert rows["frequency"].tables == "A.12, A.16"
 
 
 def test_polarization_is_compared_by_channels(dossier):
-    found = literature(dossier.spec, with_optimum(dossier, "polarization", "HV", 0.0, 0.0))
-    row = next(row for row in found.comparisons if row.parameter == "polarization")
+    row = rows_of(dossier.spec, with_optimum(dossier, "polarization", "HV", 0.0, 0.0))["polarization"]
     assert row.verdict == "differs"
     assert "HV" in row.why
-    found = literature(dossier.spec, with_optimum(dossier, "polarization", "VV", 0.0, 0.0))
-    assert next(row for row in found.comparisons if row.parameter == "polarization").verdict == "agrees"
+    found = rows_of(dossier.spec, with_optimum(dossier, "polarization", "VV", 0.0, 0.0))
+    assert found["polarization"].verdict == "agrees"
 
 
 @pytest.mark.parametrize("name", ["resolution", "resolution_m"])
 def test_a_fixed_value_is_compared_by_either_of_its_names(dossier, name):
     simulator = dossier.spec.simulator.model_copy(update={"fixed": {name: 25.0}})
-    found = literature(dataclasses.replace(dossier.spec, simulator=simulator), dossier.analyses[0])
-    row = next(row for row in found.comparisons if row.parameter == "resolution")
+    row = rows_of(dataclasses.replace(dossier.spec, simulator=simulator), dossier.analyses[0])["resolution"]
     assert row.found == "25\u00a0m, held fixed"
 
 
 def test_no_entry_is_said(dossier):
-    spec = dataclasses.replace(dossier.spec, description="")
+    (one,) = dossier.spec.applications
+    applications = (one.model_copy(update={"name": "xyzzy"}),)
+    spec = dataclasses.replace(dossier.spec, description="", applications=applications)
     analysis = dataclasses.replace(dossier.analyses[0], application="xyzzy")
     section = literature_section(dataclasses.replace(dossier, spec=spec, analyses=(analysis,)))
     assert "no radar entry" in section.blocks[0].text

@@ -272,13 +272,6 @@ def test_characters_that_no_font_has_still_give_a_pdf(flight):
     assert render_pdf(build_report(odd)).startswith(b"%PDF")
 
 
-def test_a_campaign_without_any_result_has_a_report(flight):
-    empty = dataclasses.replace(flight, analyses=(), runs=())
-    report = build_report(empty)
-    assert "no score yet" in render_html(report)
-    assert render_pdf(report).startswith(b"%PDF")
-
-
 def test_two_applications_have_their_own_sections(flight):
     report = build_report(two_uses(flight))
     keys = re.findall(r'<section id="([^"]+)"', render_html(report))

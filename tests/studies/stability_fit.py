@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
@@ -21,7 +22,7 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import UserError
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.least_squares import AliasedError, fit_least_squares
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.records import RunRecord, ScoreRecord
 
@@ -199,9 +200,10 @@ def coding(scale: str = "linear") -> Iterator[Row]:
             exact_natural = ex.least_squares(ex.quadratic_rows(columns, first, second), ex.exact(y))
             base = np.column_stack([np.ones(16), x])
             Z = base[:, first] * base[:, second]
-            fit = fit_least_squares(Z, y, model.terms)
-            aliased = bool(fit.aliased)
-            row.digits["uncoded, this solver"] = np.nan if aliased else ex.digits(fit.estimate, exact_natural.beta)
+            row.digits["uncoded, this solver"] = np.nan
+            with suppress(AliasedError):
+                fit = fit_least_squares(Z, y, model.terms)
+                row.digits["uncoded, this solver"] = ex.digits(fit.estimate, exact_natural.beta)
             plain = np.linalg.lstsq(Z, y, rcond=None)[0]
             row.digits["uncoded, numpy lstsq"] = ex.digits(plain, exact_natural.beta)
         yield row

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from statsmodels.stats.proportion import proportion_confint
 
 from seqrsm.analysis.scale import ResponseScale
-from seqrsm.decide.intervals import counted_confirmation
+from seqrsm.decide.confirmation import counted_confirmation
 from seqrsm.errors import FitError
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.weights import expected_shares, share_variance

@@ -106,14 +106,3 @@ def test_range_of_any_width(width: float) -> None:
     np.testing.assert_allclose(found.mean, by_hand, rtol=1e-9)
     natural = natural_matrix(model, region, points)
     np.testing.assert_allclose(natural @ found.mean, fit.fitted, rtol=1e-10)
-
-
-def test_what_is_aliased_stays_unknown() -> None:
-    """Two values of z only, coded -1 and 1: at z = 0 the surface is known, so the intercept is, z and z^2 are not."""
-    factors = (ContinuousFactor("x", 10.0, 20.0), ContinuousFactor("z", 0.0, 4.0))
-    model = QuadraticModel(factors)
-    points = np.array([[x, z] for x in (-1.0, -0.5, 0.0, 0.5, 1.0) for z in (-1.0, 1.0)])
-    fit = fit_least_squares(model.matrix(points), np.arange(10.0) ** 2, model.terms)
-    found = natural_coefficients(model, fit)
-    unknown = {name for name, value in zip(model.term_names, found.mean, strict=True) if np.isnan(value)}
-    assert unknown == {"z", "z^2"}

@@ -8,21 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.decide.intervals import (
-    Agreement,
-    ConfirmationInterval,
-    confirmation_agrees,
-    confirmation_interval,
-    noise_floor,
-)
-from seqrsm.decide.stopping import (
-    Adequacy,
-    Decision,
-    Look,
-    StopRule,
-    decide,
-    target_problem,
-)
+from seqrsm.decide.confirmation import Agreement, ConfirmationInterval, confirmation_agrees, confirmation_interval
+from seqrsm.decide.stopping import Decision, Look, StopRule, decide, target_problem
 from seqrsm.errors import FitError
 from seqrsm.fit.intervals import t_quantile
 
@@ -33,24 +20,15 @@ GOOD: dict[str, Any] = {
     "s": 2.0,
     "df_residual": 35,
     "df_pure_error": 6,
-    "lack_of_fit_p": 0.4,
+    "lack_of_fit": 0.4,
     "h": 0.2,
-}
-
-
-ADEQUACY = {
-    "lack_of_fit_p": "p",
-    "lack_of_fit_reason": "reason",
-    "weighed": "weighed",
-    "saturated": "saturated",
 }
 
 
 def look(rule: StopRule = RULE, **changes: Any) -> Decision:
     facts = {**GOOD, **changes}
-    adequacy = {of: facts.pop(key) for key, of in ADEQUACY.items() if key in facts}
     confirmation, unit = facts.pop("confirmation", None), facts.pop("unit", "")
-    return decide(rule, Look(**facts), Adequacy(**adequacy), confirmation, unit)
+    return decide(rule, Look(**facts), confirmation, unit)
 
 
 def agreement(fresh: ConfirmationInterval, predicted: float, *, s: float, df: int, h: float) -> Agreement:
@@ -79,7 +57,7 @@ def test_all_parts_hold_and_it_stops() -> None:
         ("interval", {"s": 2.5}, "± 5.5"),
         ("runs", {"n_runs": 44}, "45 are required"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees"),
-        ("lack_of_fit", {"lack_of_fit_p": 0.04}, "p = 0.04"),
+        ("lack_of_fit", {"lack_of_fit": 0.04}, "p = 0.04"),
     ],
 )
 def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
@@ -93,7 +71,7 @@ def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: st
 
 
 def test_untestable_lack_of_fit_does_not_stop_a_campaign() -> None:
-    decision = look(lack_of_fit_p=None, lack_of_fit_reason="no settings were repeated")
+    decision = look(lack_of_fit="no settings were repeated")
     assert not decision.held
     assert holds(decision)["lack_of_fit"] is None
     assert any("no settings were repeated" in reason for reason in decision.reasons)
@@ -224,8 +202,8 @@ def test_t_quantile_equals_scipy_and_ends_in_the_normal() -> None:
 
 
 def test_noise_floor_of_the_mean_of_m_runs() -> None:
-    assert noise_floor(2.0, 0.95, 4) == pytest.approx(1.959964)
-    assert noise_floor(2.0, 0.95, np.inf) == 0.0
+    assert StopRule(interval="prediction_mean", replicates=4).noise_floor(2.0) == pytest.approx(1.959964)
+    assert StopRule(interval="confidence").noise_floor(2.0) == 0.0
 
 
 def test_confirmation_interval_is_the_t_interval() -> None:
@@ -251,7 +229,7 @@ def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
 
 
 def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:
-    bare = {"df_pure_error": 0, "lack_of_fit_p": 1e-9}
+    bare = {"df_pure_error": 0, "lack_of_fit": 1e-9}
     assert not look(**bare).held
     decision = look(**bare, weighed=True)
     assert list(holds(decision)) == ["interval", "runs"]
@@ -261,6 +239,6 @@ def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_abou
 
 
 def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
-    decision = look(lack_of_fit_p=None, saturated=True)
+    decision = look(lack_of_fit="no settings were repeated", saturated=True)
     assert holds(decision)["lack_of_fit"] is True
     assert decision.held

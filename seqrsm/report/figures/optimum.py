@@ -49,16 +49,15 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
     """
     x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
     levels = np.linspace(limits[0], limits[1], 17)
-    if np.all(np.isfinite(surface.mean)):
-        filled = axes.contourf(
-            surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
-        )
-        bar = axes.figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
-        bar.outline.set_visible(False)
-        bar.ax.tick_params(labelsize=7)
-        bar.set_ticks(_round_ticks(limits))
-        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
-        axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    filled = axes.contourf(
+        surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
+    )
+    bar = axes.figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=7)
+    bar.set_ticks(_round_ticks(limits))
+    lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
+    axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
     if np.any(surface.slack < 0.0):
         forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
         axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
@@ -159,7 +158,6 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
         marker = "o" if isinstance(factor, DiscreteFactor) else None
         axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24))
     set_numeric_axis(axes, "x", factor)
-    axes.set_xlabel(shortened(axis_label(factor), 44))
     axes.set_ylabel(score_label(analysis))
     axes.legend(frameon=False, fontsize=7)
     drawing.light_grid(axes)
@@ -178,7 +176,6 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
     set_numeric_axis(axes, "x", factor)
-    axes.set_xlabel(shortened(axis_label(factor), 44))
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -336,11 +333,11 @@ def _label_style(labels: list[str]) -> dict[str, Any]:
     return {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
 
 
-def thinned(draws: FloatArray, count: int = _CLOUD_POINTS) -> FloatArray:
-    """Evenly spaced rows of draws, at most ``count``."""
-    if draws.shape[0] <= count:
+def thinned(draws: FloatArray) -> FloatArray:
+    """Evenly spaced rows of draws, few enough for a cloud."""
+    if draws.shape[0] <= _CLOUD_POINTS:
         return draws
-    return draws[np.linspace(0, draws.shape[0] - 1, count).astype(np.intp)]
+    return draws[np.linspace(0, draws.shape[0] - 1, _CLOUD_POINTS).astype(np.intp)]
 
 
 def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor) -> None:

@@ -26,7 +26,7 @@ class Surface:
     x, y : ndarray (g,)
         Natural values of the two factors.
     mean : ndarray (g, g)
-        Score; first axis follows ``y``. nan where the runs do not determine it.
+        Score; first axis follows ``y``.
     slack : ndarray (g, g)
         Smallest slack of the constraints; negative where the settings are not allowed.
     """
@@ -113,9 +113,7 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
 def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
     belief = analysis.belief
-    # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
-    weight = np.nan_to_num(analysis.scale.weight_at(belief.mean(points)), nan=1.0)
-    return belief.bands(points, analysis.optimum.level, weight)
+    return belief.bands(points, analysis.optimum.level, analysis.scale.weight_at(belief.mean(points)))
 
 
 def line(analysis: Analysis, index: int) -> Line:

@@ -43,7 +43,7 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     if result.notes:
         more = "" if every_note else "; -v or --json shows all, with those on single covers"
         title = f"Assumptions of the simulation ({len(result.notes)}{more})"
-        notes = result.notes if every_note else group_notes(result.notes, result.covers).others
+        notes = result.notes if every_note else group_notes(result.notes, result.covers)[2]
         sections.append(Section("notes", title, (Bullets(notes),)))
     return tuple(sections)
 

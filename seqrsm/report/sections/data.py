@@ -92,8 +92,6 @@ def _stop_text(dossier: Dossier) -> str:
 def _data_blocks(dossier: Dossier) -> list[Block]:
     """How the data came: runs by state, source and purpose."""
     runs = dossier.runs
-    if not runs:
-        return [Paragraph("No runs have been proposed yet.")]
     states = Counter(run.state for run in runs)
     scored = [run for run in runs if run.state == "scored"]
     counts = listing([f"{count} {state}" for state, count in states.items()])

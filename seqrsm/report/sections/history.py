@@ -28,7 +28,6 @@ from seqrsm.report.wording import (
     number_cell,
     score_decimals,
     score_text,
-    setting_posterior,
     setting_spread,
     whole_cell,
     with_unit,
@@ -76,7 +75,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
     rows: list[tuple[Entry, ...]] = []
     for look in looks:
         settings = (
-            format_setting(f, look.settings[f.name], setting_spread(setting_posterior(analysis, f)), unit=False)
+            format_setting(f, look.settings[f.name], setting_spread(analysis, f), unit=False)
             if f.name in look.settings
             else ""
             for f in factors

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from seqrsm.analysis.results import Analysis
@@ -81,41 +81,20 @@ class Comparison:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class Literature:
-    """What the catalogue holds on an application.
-
-    Attributes
-    ----------
-    asked : str
-        Words that were looked up.
-    reason : str
-        Where they come from.
-    start : StartRanges
-    comparisons : tuple of Comparison
-    """
-
-    asked: str
-    reason: str
-    start: StartRanges
-    comparisons: tuple[Comparison, ...]
-
-
-def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
-    """Look an application up and compare; None where no entry of the catalogue is about it."""
-    application = next((one for one in spec.applications if one.name == analysis.application), None)
+def looked_up(spec: CampaignSpec, application: str) -> tuple[str, str, StartRanges] | None:
+    """Words that an application was looked up by, where they come from, and what is printed; None for nothing."""
     system = system_of(spec)
-    wanted = "" if application is None else application.catalog
     # The description of a campaign of several applications may be about another of them.
     description = spec.description if len(spec.applications) == 1 else ""
-    found = catalogue_words(analysis.application, description, system, wanted)
-    if found is None:
-        return None
-    asked, reason = found
-    start = start_ranges(asked, system=system)
-    rows = [_compare_range(spec, analysis, item) for item in start.ranges]
+    found = catalogue_words(application, description, system, spec.application(application).catalog)
+    return None if found is None else (*found, start_ranges(found[0], system=system))
+
+
+def comparisons(spec: CampaignSpec, analysis: Analysis, start: StartRanges) -> list[Comparison]:
+    """What is printed beside what this campaign found, for each parameter of both."""
+    rows = [*(_compare_range(spec, analysis, item) for item in start.ranges)]
     rows.append(_compare_levels(spec, analysis, start.polarization))
-    return Literature(asked, reason, start, tuple(row for row in rows if row is not None))
+    return [row for row in rows if row is not None]
 
 
 def system_of(spec: CampaignSpec) -> str:
@@ -192,11 +171,10 @@ def _found(
     text = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
     posterior = setting_posterior(analysis, factor)
     best = float(analysis.optimum.settings[factor.name])
-    ends = (best, best) if posterior is None else (posterior.low, posterior.high)
     scale = unit_factor(factor.unit or item.unit, item.unit)
     if scale is None:
         return text, math.nan, math.nan, math.nan
-    return text, scale * best, scale * ends[0], scale * ends[1]
+    return text, scale * best, scale * posterior.low, scale * posterior.high
 
 
 def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
@@ -250,30 +228,27 @@ def printed_section(dossier: Dossier) -> Section | None:
     """Return what the catalogue's tables print on each application; None where they print nothing."""
     blocks: list[Block] = []
     columns = ("Parameter", "As printed", "Read as", "Tables", "Application")
-    for found in (literature(dossier.spec, analysis) for analysis in dossier.analyses):
+    for found in (looked_up(dossier.spec, analysis.application) for analysis in dossier.analyses):
         if found is not None:
+            asked, _, start = found
             rows = (
                 (one.parameter, one.printed, one.read_as, ", ".join(one.tables), _some(one.applications))
-                for one in summary(found.start.entries)
+                for one in summary(start.entries)
             )
-            blocks.append(table(f"Entries for \u201c{found.asked}\u201d, as printed", columns, rows))
+            blocks.append(table(f"Entries for \u201c{asked}\u201d, as printed", columns, rows))
     if not blocks:
         return None
     return Section("printed", "Literature entries as printed", (Paragraph(_LATER), *blocks))
 
 
-def literature_section(dossier: Dossier) -> Section | None:
-    """Return the comparison with the catalogue for each application; None where there is no result to compare."""
-    if not dossier.analyses:
-        return None
-    blocks: list[Block] = []
-    for analysis in dossier.analyses:
-        blocks += _application(dossier, analysis)
+def literature_section(dossier: Dossier) -> Section:
+    """Return the comparison with the catalogue for each application."""
+    blocks = [block for analysis in dossier.analyses for block in _application(dossier, analysis)]
     return Section("literature", "Comparison with the literature", tuple(blocks))
 
 
 def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
-    found = literature(dossier.spec, analysis)
+    found = looked_up(dossier.spec, analysis.application)
     kind = "radar" if system_of(dossier.spec) == "active" else "radiometer"
     if found is None:
         return [
@@ -283,28 +258,30 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
                 "words to look up."
             )
         ]
-    count = len(found.start.entries)
+    asked, reason, start = found
+    compared = comparisons(dossier.spec, analysis, start)
+    count = len(start.entries)
     text = (
         f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} in Tables A.1 to A.20 of "
-        f"RSL TR 380-1 for \u201c{found.asked}\u201d ({found.reason}). "
+        f"RSL TR 380-1 for \u201c{asked}\u201d ({reason}). "
     )
     rows = (
         (readable(row.parameter), row.printed, row.agreed, row.found, f"{row.verdict}: {row.why}", row.tables)
-        for row in found.comparisons
+        for row in compared
     )
     columns = ("Parameter", "Literature", "Most sources", "This campaign", "Agreement", "Tables")
     caption = f"{analysis.application}: recommended settings (with credible interval or levels) and the literature"
-    return [Paragraph(text + _agreement(found)), table(caption, columns, rows)]
+    return [Paragraph(text + _agreement(compared)), table(caption, columns, rows)]
 
 
-def _agreement(found: Literature) -> str:
-    counts = Counter(row.verdict for row in found.comparisons)
+def _agreement(compared: Sequence[Comparison]) -> str:
+    counts = Counter(row.verdict for row in compared)
     comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
     if not comparable:
         return "What they print cannot be compared with this campaign's settings."
     words = [
         f"{readable(row.parameter)} {row.verdict}"
-        for row in found.comparisons
+        for row in compared
         if row.verdict in ("agrees", "not excluded", "differs")
     ]
     if comparable == 1:

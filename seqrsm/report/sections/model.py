@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
+from seqrsm.analysis.study import TermTest
 from seqrsm.fit.intervals import LackOfFit
-from seqrsm.fit.least_squares import OUTLIER, outlier_p
+from seqrsm.fit.least_squares import OUTLIER, extrapolated, influential_runs, normal_plot, outlier_p
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -40,11 +42,11 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
-from seqrsm.report.sections.study import by_block, largest_vif
 from seqrsm.report.wording import (
     capital,
     counted,
     decimal_cell,
+    interval_text,
     level_phrase,
     listing,
     no_error_estimate,
@@ -53,6 +55,7 @@ from seqrsm.report.wording import (
     readable,
     readable_term,
     readable_text,
+    score_text,
     share_cell,
     significant_cell,
     whole_cell,
@@ -94,7 +97,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
     blocks.append(_anova_table(analysis))
     blocks.append(Paragraph(_lack_of_fit_text(analysis)))
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
-    blocks += by_block(analysis)
+    blocks += _by_block(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
 
 
@@ -132,7 +135,7 @@ def _statistics_table(analysis: Analysis) -> Table:
         ),
         ("Condition number of the model matrix", number_cell(format_significant(condition, 3), condition)),
     ]
-    worst = largest_vif(analysis)
+    worst = _largest_vif(analysis)
     if worst is not None:
         pairs.append((f"Largest variance inflation factor, of {worst[0]}", significant_cell(worst[1], 3)))
     return table("Quality of the fit", ("Quantity", right("Value")), pairs)
@@ -218,8 +221,6 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
     caption = f"Coefficients in coded units, {level} confidence interval and posterior"
-    if fit.aliased:
-        caption += f"; not estimable from these runs: {listing([readable_term(name) for name in fit.aliased])}"
     return table(caption, columns, rows, sortable=True)
 
 
@@ -296,20 +297,21 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
         found.append(f"The model must pass through {_runs(exact)} (leverage 1), so their residuals are uninformative.")
-    study = analysis.study
-    if study is not None:
-        if np.isfinite(study.normal.correlation):
-            found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
-        far = "an extrapolation: their leverage exceeds every run's" if study.extrapolated else "not an extrapolation"
-        found.append(f"The recommended settings are {far}.")
-        if study.influential:
-            named = [str(int(ids[run.run])) for run in study.influential[:MAX_NAMED]]
-            more = len(study.influential) - len(named)
-            found.append(
-                f"{counted(len(study.influential), 'run')} with leverage above 2p/n = "
-                f"{2.0 * fit.rank / fit.n_runs:.2f}, Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an "
-                f"outlying residual: {listing([*named, f'{more} more'] if more else named)}."
-            )
+    correlation = normal_plot(fit).correlation
+    if np.isfinite(correlation):
+        found.append(f"Correlation of residuals with normal quantiles: {correlation:.3f}.")
+    outside = extrapolated(fit, analysis.model.matrix(analysis.of_quadratic.point[None, :]))[0]
+    far = "an extrapolation: their leverage exceeds every run's" if outside else "not an extrapolation"
+    found.append(f"The recommended settings are {far}.")
+    influential = influential_runs(fit)
+    if influential:
+        named = [str(int(ids[run.run])) for run in influential[:MAX_NAMED]]
+        more = len(influential) - len(named)
+        found.append(
+            f"{counted(len(influential), 'run')} with leverage above 2p/n = {2.0 * fit.n_terms / fit.n_runs:.2f}, "
+            f"Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an outlying residual: "
+            f"{listing([*named, f'{more} more'] if more else named)}."
+        )
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
     found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
     return tuple(found)
@@ -344,3 +346,58 @@ def _influence_table(analysis: Analysis) -> Table:
         else ""
     )
     return table(f"Residuals and influence{scale}{share}", map(right, titles), rows, sortable=True)
+
+
+def _by_block(analysis: Analysis) -> list[Block]:
+    """How blocks differ, and what a new one would give, folded away; empty without blocks."""
+    found = analysis.blocks
+    if found is None:
+        return []
+    blocks: list[Block] = [Paragraph(_block_text(found))]
+    if isinstance(found.new, BlockResponse):
+        level, new = level_phrase(analysis), found.new
+        ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
+        columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
+        title = "The recommended settings in a new block"
+        blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
+    return [Details("Differences between blocks", tuple(blocks))]
+
+
+def _block_text(found: BlockStudy) -> str:
+    """How much blocks differ."""
+    if isinstance(found.new, str):
+        return f"Differences between blocks cannot be estimated: {found.new}."
+    ratio = " to ".join(format_significant(end, 2) for end in found.ratio)
+    text = (
+        f"Blocks are {found.effect} effects. Standard deviation of a run {format_significant(found.sigma, 3)}, of the "
+        f"blocks {format_significant(found.sigma_block, 3)} (restricted maximum likelihood, on the scale of the fit); "
+        f"credible interval of their ratio {ratio}. A run in a new block includes that block's effect."
+    )
+    return f"{text} {capital(found.note)}." if found.note else text
+
+
+def _largest_vif(analysis: Analysis) -> tuple[str, float] | None:
+    """Term of the largest variance inflation factor, and that factor; None where there is none."""
+    vif = analysis.fit.vif()
+    known = [i for i in range(len(vif)) if np.isfinite(vif[i]) and analysis.fit.kinds[i] != "block"]
+    if not known:
+        return None
+    worst = max(known, key=lambda i: float(vif[i]))
+    return readable_term(analysis.fit.names[worst]), float(vif[worst])
+
+
+def term_test_table(tests: Sequence[TermTest]) -> Table:
+    """Partial F tests that were asked for."""
+    rows = (
+        (
+            one.asked,
+            whole_cell(one.test.df),
+            significant_cell(one.test.ss, 4),
+            significant_cell(one.test.f, 4) if math.isfinite(one.test.f) else one.test.reason,
+            p_cell(one.test.p),
+            ", ".join(map(readable_term, one.terms)),
+        )
+        for one in tests
+    )
+    columns = ("Test", right("df"), right("Sum of squares"), right("F"), right("p"), "Terms")
+    return table("Partial F tests", columns, rows)

@@ -329,7 +329,6 @@ def _contours(analysis: Analysis, which: slice) -> FigureBlock:
 def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
     """Ends of the common colour scale: the range of the allowed settings, a little widened where it is flat."""
     values = np.concatenate([s.mean[s.slack >= 0.0].ravel() for s in surfaces])
-    values = values[np.isfinite(values)]
     if values.size == 0:
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())

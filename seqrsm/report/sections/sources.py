@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -54,6 +54,8 @@ from seqrsm.report.wording import (
 from seqrsm.scene.scene import Scene
 
 _CHANNELS = ("HH", "HV", "VH", "VV")
+AboutCovers: TypeAlias = dict[str, list[str]]
+AboutChannels: TypeAlias = list[tuple[str, str, str]]
 
 LIMITS = (
     "The fitted surface is valid inside the region only.",
@@ -90,7 +92,7 @@ def image_section(dossier: Dossier) -> Section | None:
     """Return the simulated images beside the ground truth; None where there are none."""
     if not dossier.images and dossier.scene is None:
         return None
-    unit = dossier.analyses[0].score_unit if dossier.analyses else ""
+    unit = dossier.analyses[0].score_unit
     count = sum(len(image.channels) for image in dossier.images) + (dossier.scene is not None)
     where = (
         "Range increases downwards, azimuth across."
@@ -218,7 +220,7 @@ def _ended(text: str) -> str:
 def assumption_section(dossier: Dossier) -> Section:
     """Return assumptions of the simulation and limits of the method."""
     blocks: list[Block] = []
-    others = _grouped(dossier).others
+    _, _, others = _grouped(dossier)
     if others:
         blocks += [Paragraph("Assumptions:"), Bullets(tuple(_sentence(text) for text in others))]
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
@@ -227,39 +229,20 @@ def assumption_section(dossier: Dossier) -> Section:
 
 def cover_section(dossier: Dossier) -> Section | None:
     """Return how the backscatter or emissivity of each cover was found; None where none was assumed."""
-    grouped = _grouped(dossier)
+    about_covers, about_channels, _ = _grouped(dossier)
     blocks: list[Block] = []
-    if grouped.about_covers:
-        blocks.append(_cover_table(grouped))
-    if grouped.about_channels:
-        blocks.append(_channel_table(grouped))
+    if about_covers:
+        blocks.append(_cover_table(about_covers))
+    if about_channels:
+        blocks.append(_channel_table(about_channels))
     return Section("covers", "Assumptions for each cover", tuple(blocks)) if blocks else None
 
 
-def _grouped(dossier: Dossier) -> GroupedNotes:
+def _grouped(dossier: Dossier) -> tuple[AboutCovers, AboutChannels, tuple[str, ...]]:
     return group_notes(dossier.assumptions, () if dossier.scene is None else dossier.scene.categories)
 
 
-@dataclass(frozen=True, slots=True)
-class GroupedNotes:
-    """Statements by subject.
-
-    Attributes
-    ----------
-    about_covers : tuple of (str, tuple of str)
-        A statement and the cover categories it is made on, in the order of their first mention.
-    about_channels : tuple of (str, str, str)
-        Category, channel, and a statement on both.
-    others : tuple of str
-        Statements on the whole simulation.
-    """
-
-    about_covers: tuple[tuple[str, tuple[str, ...]], ...]
-    about_channels: tuple[tuple[str, str, str], ...]
-    others: tuple[str, ...]
-
-
-def group_notes(notes: Iterable[str], categories: Sequence[str]) -> GroupedNotes:
+def group_notes(notes: Iterable[str], categories: Sequence[str]) -> tuple[AboutCovers, AboutChannels, tuple[str, ...]]:
     """Sort statements of the form "category: ..." and "category channel: ..." from the others.
 
     Parameters
@@ -268,29 +251,36 @@ def group_notes(notes: Iterable[str], categories: Sequence[str]) -> GroupedNotes
         As `RadarImage.notes` has them; repeated ones count once.
     categories : sequence of str
         Names of the scene's cover categories.
+
+    Returns
+    -------
+    dict
+        Statements and the cover categories that they are made on, in the order of their first mention.
+    list of (str, str, str)
+        Category, channel, and a statement on both.
+    tuple of str
+        Statements on the whole simulation.
     """
     known = set(categories)
-    covers: dict[str, list[str]] = {}
-    channels: list[tuple[str, str, str]] = []
+    covers: AboutCovers = {}
+    channels: AboutChannels = []
     others: list[str] = []
     for note in dict.fromkeys(notes):
         subject, colon, text = note.partition(": ")
         head, _, tail = subject.rpartition(" ")
         if colon and subject in known:
-            covers.setdefault(text, []).append(subject)
+            covers.setdefault(text, []).append(subject)  # no note is met twice, so no cover is either
         elif colon and head in known and tail in _CHANNELS:
             channels.append((head, tail, text))
         else:
             others.append(note)
-    return GroupedNotes(
-        tuple((text, tuple(dict.fromkeys(names))) for text, names in covers.items()), tuple(channels), tuple(others)
-    )
+    return covers, channels, tuple(others)
 
 
-def _cover_table(grouped: GroupedNotes) -> Table:
+def _cover_table(about_covers: AboutCovers) -> Table:
     rows = []
-    for text, names in grouped.about_covers:
-        everyone = len(names) > 1 and set(names) == {n for _, known in grouped.about_covers for n in known}
+    for text, names in about_covers.items():
+        everyone = len(names) > 1 and set(names) == {n for known in about_covers.values() for n in known}
         subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
         rows.append((subject, _sentence(text)))
     rows.sort(key=lambda row: row[0] == "every cover")
@@ -301,11 +291,11 @@ def _cover_table(grouped: GroupedNotes) -> Table:
     return table(caption, ("Cover", "Statement"), rows)
 
 
-def _channel_table(grouped: GroupedNotes) -> Table:
-    channels = list(dict.fromkeys(channel for _, channel, _ in grouped.about_channels))
-    covers = list(dict.fromkeys(cover for cover, _, _ in grouped.about_channels))
+def _channel_table(about_channels: AboutChannels) -> Table:
+    channels = list(dict.fromkeys(channel for _, channel, _ in about_channels))
+    covers = list(dict.fromkeys(cover for cover, _, _ in about_channels))
     texts: dict[tuple[str, str], list[str]] = {}
-    for cover, channel, text in grouped.about_channels:
+    for cover, channel, text in about_channels:
         texts.setdefault((cover, channel), []).append(text)
     rows = (
         (readable(cover), *("; ".join(texts.get((cover, channel), [])) for channel in channels)) for cover in covers
@@ -317,18 +307,14 @@ def _channel_table(grouped: GroupedNotes) -> Table:
 def provenance_section(dossier: Dossier) -> Section:
     """Return versions, seed, data sources, history, and the commands that make this report again."""
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
-    if dossier.reproduce:
-        blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
-    if dossier.events:
-        text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
-        blocks.append(Paragraph(text))
-    if dossier.analyses:
-        factors = dossier.spec.factors
-        found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
-        rows = (
-            (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
-            for name, settings in found
-        )
-        caption = "Recommended settings to six digits, for repeating the run exactly"
-        blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
+    text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
+    blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce), Paragraph(text)]
+    factors = dossier.spec.factors
+    found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
+    rows = (
+        (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
+        for name, settings in found
+    )
+    caption = "Recommended settings to six digits, for repeating the run exactly"
+    blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))

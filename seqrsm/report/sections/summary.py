@@ -70,25 +70,18 @@ def summary_section(
     ----------
     spec : CampaignSpec
     analyses : sequence of Analysis
-        Empty where no application has scored runs enough.
+        One, or all of a campaign.
     compromise : CompromiseEstimate or None
+        None where there is one application and nothing else to weigh.
     runs : sequence of RunRecord
         All of the campaign: what they cost is told.
     rests : Mapping, optional
         By application, shares of the area by what their means rest on.
     """
-    if not analyses:
-        note = "No application of this campaign has enough scored runs to fit its model yet."
-        return Section("summary", "Summary", (Paragraph(note, "warning"),))
-    if has_one_result(analyses, compromise):
+    if compromise is None:
         found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", _made(spec, runs))
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
-    blocks: list[Block] = [Paragraph(_question(spec, analyses))]
-    if compromise is None:
-        blocks.append(Paragraph("At least one application has no model yet, so no compromise can be computed.", "lead"))
-    else:
-        blocks += compromise_summary(spec.factors, compromise)
-    blocks.append(_own_table(analyses))
+    blocks = (*compromise_summary(spec.factors, compromise), _own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
     made = _made(spec, runs)
     values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
@@ -96,12 +89,7 @@ def summary_section(
         Section("summary-next", "Next steps", (Bullets(todo),)),
         *((Section("summary-rests", "Basis", (*made, *values)),) if made else ()),
     )
-    return Section("summary", "Summary", tuple(blocks), parts)
-
-
-def has_one_result(analyses: Sequence[Analysis], compromise: CompromiseEstimate | None) -> bool:
-    """Whether the summary is that of one application; else each application has a section of its own result."""
-    return len(analyses) == 1 and compromise is None
+    return Section("summary", "Summary", (Paragraph(_question(spec, analyses)), *blocks), parts)
 
 
 def result_section(
@@ -273,15 +261,15 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
             "model. Rely on their scores, not on the model's."
         )
     elif decision.held:
-        yield f"Stop. {_loss_sentence(analysis)}".strip()
+        yield f"Stop. {_loss_sentence(analysis)}"
     elif decision.wants_confirmation:
-        yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}".strip()
+        yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}"
     elif decision.budget_spent and _is_a_guess(analysis):
         yield "Change the region or the sensor: at no setting of these are images shown to tell more than a guess."
     elif decision.budget_spent:
-        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}".strip()
+        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
-        yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}".strip()
+        yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}"
     if best.at_bound:
         # The text of a constraint stays as the user wrote it.
         edges = listing([text if text.startswith("constraint ") else readable(text) for text in best.at_bound])
@@ -292,14 +280,12 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
 
 def _loss_sentence(analysis: Analysis) -> str:
     posterior = analysis.posterior
-    if not math.isfinite(posterior.expected_regret):
-        return ""
     loss = loss_text(analysis, posterior.expected_regret)
-    text = f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}"
-    if math.isfinite(posterior.p_regret_above) and posterior.regret_epsilon > 0.0:
-        epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
-        text += f"; probability of losing more than {epsilon}: {format_share(posterior.p_regret_above)}"
-    return f"{text}."
+    epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
+    return (
+        f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}; probability of "
+        f"losing more than {epsilon}: {format_share(posterior.p_regret_above)}."
+    )
 
 
 def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[str, float]]) -> Iterator[Paragraph]:

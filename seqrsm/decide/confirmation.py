@@ -1,71 +1,16 @@
-"""Half-widths of the intervals at the optimum, their floors, and the exact interval of a confirmation set.
-
-All half-widths are ``t * s * sqrt(1/m + h)`` with ``h = z0' (Z'WZ)^-1 z0``: m is 1 for one future run (RSL TR 380-1
-eq. (2-23), the factor S restored), and inf for the mean response itself.
-"""
+"""The exact interval of a confirmation set, and whether it agrees with the model."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr
 
-from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.intervals import t_quantile
 from seqrsm.plain import known
-
-IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
-
-
-def independent_runs(
-    interval: IntervalKind, replicates: float, ground_share: float, *, counts_ground: bool = True
-) -> float:
-    """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
-
-    Parameters
-    ----------
-    interval : "prediction", "prediction_mean" or "confidence"
-    replicates : float
-        m of "prediction_mean".
-    ground_share : float
-        Share of a run's variance that runs over one ground have in common, 0 to below 1.
-    counts_ground : bool
-        Whether that share is part of the interval.
-    """
-    own = {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval] * (1.0 - ground_share)
-    share = own + (ground_share if counts_ground else 0.0)
-    return 1.0 / share if share > 0.0 else float("inf")
-
-
-def half_width(s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: float) -> FloatArray:
-    """Half-width of the interval of a mean of future runs at the optimum, in score units.
-
-    Parameters
-    ----------
-    s, df : array_like
-        Residual standard deviation and its degrees of freedom.
-    h : array_like
-        ``z0' (Z'WZ)^-1 z0``, >= 0.
-    level : float
-        Two-sided probability, in (0, 1).
-    replicates : float
-        Independent runs whose mean is meant, see :func:`independent_runs`; inf for the mean response itself.
-
-    Returns
-    -------
-    ndarray
-        Broadcast shape of ``s``, ``df`` and ``h``.
-    """
-    return np.asarray(t_quantile(df, level) * np.asarray(s) * np.sqrt(1.0 / replicates + np.asarray(h)))
-
-
-def noise_floor(s: float, level: float, replicates: float) -> float:
-    """Half-width that no number of runs can go below: the noise of the future runs themselves, 0 of their mean."""
-    return float(half_width(s, np.inf, 0.0, level, replicates))
 
 
 @dataclass(frozen=True, slots=True)
