@@ -55,3 +55,8 @@ def generator(seed: int, run_id: int, purpose: str) -> np.random.Generator:
         On numpy's Philox4x64-10 with a 128-bit key.
     """
     return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, run_id, purpose, 16), "little")))
+
+
+def batch_seed(seed: int, n_runs: int) -> int:
+    """Seed of what is chosen after so many runs of a campaign."""
+    return (seed + 7919 * n_runs) % 2**32

@@ -25,7 +25,7 @@ from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
-from seqrsm.propose.cloud import Cloud, climb
+from seqrsm.propose.cloud import climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
 
@@ -175,13 +175,13 @@ class Belief:
         )
 
     def optima(
-        self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator
+        self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """About ``n`` draws of the process's optimum: coded points (n, k), values (n,) there and at ``point`` (k,)."""
         process = self.departure.process
         assert process is not None
         sign = sign_of(self.goal)
-        cloud = Cloud(process, self.region, point, made, sign, rng)
+        cloud, rng = cloud_of(process, self.region, point, made, sign, seed)
         draws = cloud.draws(-(-n // len(cloud.means)), rng)
         draws = draws[rng.permutation(len(draws))[:n]]
         best = np.argmax(draws, axis=1)

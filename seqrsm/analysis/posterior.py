@@ -20,7 +20,7 @@ from seqrsm.fit.elicitation import elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
 from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
-from seqrsm.rng import generator
+from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum, KnowledgeSpec
 
@@ -140,8 +140,7 @@ def summarise_posterior(
     points, values = optimum_draws(model, fitted.region, terms, belief.goal)
     here = terms @ fitted.surface.rows(estimate.point[None, :])[0]
     if of_process:
-        rng = generator(spec.seed, fitted.fit.n_runs, "optima of the process")
-        own = belief.optima(estimate.point, fitted.data.points, of_process, rng)
+        own = belief.optima(estimate.point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
         points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
     low, high = (0.0, 100.0) if fitted.application.is_percent else (-np.inf, np.inf)
     best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))

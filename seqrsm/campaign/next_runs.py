@@ -23,7 +23,7 @@ from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import propose_from_process
 from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
-from seqrsm.rng import generator
+from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import NewRun, RunRecord
 
@@ -80,7 +80,7 @@ def start_batch(
             Sought(centre, centre[None, :]),
             max(n - len(made), 1),
             [(Spread, 1.0)],
-            seed=(spec.seed + 7919 * len(made)) % 2**32,
+            seed=batch_seed(spec.seed, len(made)),
         )
         points = np.array([proposal.point for proposal in proposals])
     elif made:
@@ -136,7 +136,7 @@ class _Chooser:
             weight=float(self.weights(self.target()[None, :])[0]),
             barred=barred,
             sign=sign_of(self.analysis.goal),
-            seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+            seed=batch_seed(self.spec.seed, len(done)),
         )
 
     def batch_by_quadratic(
@@ -182,7 +182,7 @@ class _Chooser:
             self.sought(two),
             n,
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
-            seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+            seed=batch_seed(self.spec.seed, len(done)),
             ties=(ties or 0) if new_day else 0,
         )
 

@@ -15,12 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize.elementwise import find_root
 from scipy.special import stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior, with_further
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, crossing, posterior, with_further
 from seqrsm.fit.intervals import Interval, Prediction, t_quantile
 
 FEW_FLIGHTS = 4
@@ -180,8 +179,7 @@ class SourceFit:
             lower = stdtr(df[:, None], (-half - off[:, at]) / se[:, at])
             return np.asarray(share @ (upper - lower) - level)
 
-        found = find_root(excess, (np.zeros_like(most), most), args=(np.arange(len(most)),))
-        return np.asarray(np.where(found.success, found.x, most))
+        return crossing(excess, np.zeros_like(most), most)
 
     def discrepancy(self, row: FloatArray, level: float = 0.95) -> tuple[float, float, float]:
         """Flight less simulation at a model row (p,), and the ends of its credible interval."""

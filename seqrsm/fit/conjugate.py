@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize.elementwise import find_root
 from scipy.special import stdtr, stdtrit
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
@@ -32,6 +31,7 @@ from seqrsm.fit.intervals import Interval
 from seqrsm.fit.linear_system import check_runs
 
 _MOST = 60  # times the draws wanted, before rejection gives up
+_MOST_SECANTS = 100
 _FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in standard deviations
 
 
@@ -136,8 +136,27 @@ def where_reached(
     def above(x: FloatArray, k: IntArray) -> FloatArray:
         return np.asarray(below(x, k) - probability)
 
-    found = find_root(above, (each.min(axis=0) - margin, each.max(axis=0) + margin), args=(np.arange(len(margin)),))
-    return np.asarray(found.x)
+    return crossing(above, each.min(axis=0) - margin, each.max(axis=0) + margin)
+
+
+def crossing(rising: Callable[[FloatArray, IntArray], FloatArray], low: FloatArray, high: FloatArray) -> FloatArray:
+    """Where (m,) rising functions of (places, numbers of functions) are zero, between ``low`` and ``high`` (m,).
+
+    By the Illinois rule (Dowell & Jarratt 1971, BIT 11, 168-174): secants, whose end that stays counts half.
+    """
+    k, side, x = np.arange(len(low)), np.zeros(len(low)), low
+    at_low, at_high, near = rising(low, k), rising(high, k), 1e-14 * (high - low)
+    for _ in range(_MOST_SECANTS):
+        before, apart = x, at_high - at_low
+        x = low + np.clip(-at_low / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0) * (high - low)
+        at = rising(x, k)
+        up = at > 0.0
+        at_low = np.where(up, np.where(side > 0, 0.5, 1.0) * at_low, at)
+        at_high = np.where(up, at, np.where(side < 0, 0.5, 1.0) * at_high)
+        low, high, side = np.where(up, low, x), np.where(up, x, high), np.where(up, 1.0, -1.0)
+        if np.all(np.abs(x - before) <= near + 1e-15 * np.abs(x)):
+            break
+    return x
 
 
 def mixture_interval(

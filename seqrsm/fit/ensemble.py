@@ -311,20 +311,3 @@ def _sampler(n: int, d: int, log_prob: Callable[[FloatArray], FloatArray], moves
     found = emcee.EnsembleSampler(n, d, log_prob, moves=moves, vectorize=True)
     found.log_prob_fn = log_prob  # without emcee's wrapper, which prints a traceback where the user presses Ctrl-C
     return found
-
-
-def short_chain(
-    log_posterior: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int, rng: np.random.Generator
-) -> FloatArray:
-    """Second half of a chain (m, h) of fixed length, from ``start`` (walkers, h); the walkers' last state comes last.
-
-    For hyperparameters, whose posterior is averaged over and not told: differential evolution and stretch moves, no
-    test of convergence.
-    """
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    sampler = _sampler(len(start), start.shape[1], log_posterior, moves)
-    random = np.random.RandomState(int(rng.integers(2**31))).get_state()
-    with np.errstate(invalid="ignore"):  # of walkers that start outside the prior's reach
-        sampler.run_mcmc(emcee.State(start, random_state=random), steps, skip_initial_state_check=True)
-    found: FloatArray = sampler.get_chain(discard=steps // 2, flat=True)
-    return found

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from seqrsm.progress import tell
 from seqrsm.propose.candidates import clear_of
 from seqrsm.propose.criteria import Proposal
 from seqrsm.propose.known import percent
+from seqrsm.remember import recalled
 
 _COVER = 1000
 _RADII = (0.15, 0.06, 0.025, 0.01)
@@ -23,15 +26,45 @@ _NUGGET = 1e-7
 
 
 def climb(
-    mean: Callable[[FloatArray], FloatArray], region: Region, starts: FloatArray, rng: np.random.Generator
+    mean: Callable[[FloatArray], FloatArray],
+    region: Region,
+    starts: FloatArray,
+    rng: np.random.Generator,
+    of_starts: FloatArray | None = None,
 ) -> FloatArray:
-    """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps."""
-    pool = starts
+    """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps.
+
+    ``of_starts`` are the means there, where they are known already.
+    """
+    pool, values = starts, mean(starts) if of_starts is None else of_starts
     for radius in _RADII if region.continuous else ():
-        best = pool[np.argsort(-mean(pool), kind="stable")[:8]]
-        near = region.jitter(np.repeat(best, 24, axis=0), radius, rng)
-        pool = np.vstack([best, near[region.feasible(near, tol=0.0)]])
-    return pool[np.argsort(-mean(pool), kind="stable")]
+        best = np.argsort(-values, kind="stable")[:8]
+        near = region.jitter(np.repeat(pool[best], 24, axis=0), radius, rng)
+        near = near[region.feasible(near, tol=0.0)]
+        pool, values = np.vstack([pool[best], near]), np.append(values[best], mean(near))
+    return pool[np.argsort(-values, kind="stable")]
+
+
+def cloud_of(
+    process: Process,
+    region: Region,
+    x_hat: FloatArray,
+    made: FloatArray,
+    sign: float,
+    seed: int | np.random.Generator,
+    pending: FloatArray | None = None,
+) -> tuple[Cloud, np.random.Generator]:
+    """The cloud of a seed, and the generator to draw from it by.
+
+    It is placed once for the intervals of a look and the runs that are proposed after it.
+    """
+
+    def placed() -> tuple[Cloud, np.random.Generator]:
+        rng = np.random.default_rng(seed)
+        return Cloud(process, region, x_hat, made, sign, rng, pending), rng
+
+    cloud, rng = recalled(placed, (process, region, x_hat, made, sign, seed, pending))
+    return cloud, deepcopy(rng)
 
 
 class Cloud:
@@ -77,17 +110,18 @@ class Cloud:
         pending : ndarray (w, k), optional
             Settings of runs that have no score yet.
         """
-        cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), made[region.feasible(made, tol=1e-9)]])
+        still = made[region.feasible(made, tol=1e-9)]
+        cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), still])
         of_draws = sign * process.means(cover)
+        heights = of_draws.mean(axis=0)
         tops = np.concatenate([np.argsort(-row, kind="stable")[:_TOPS_OF_DRAW] for row in of_draws])
-        tops = np.unique(np.append(tops, np.argsort(-of_draws.mean(axis=0), kind="stable")[:_TOPS]))
+        tops = np.unique(np.append(tops, np.argsort(-heights, kind="stable")[:_TOPS]))
         near = region.jitter(np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
-        peak = climb(lambda at: sign * process.mean(at), region, cover, rng)[:_PEAK]
+        peak = climb(lambda at: sign * process.mean(at), region, cover, rng, heights)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
         fresh = fresh[region.feasible(fresh, tol=1e-9)]
-        still = made[region.feasible(made, tol=1e-9)]
-        still = still[np.argsort(-sign * process.mean(still), kind="stable")[:_AGAIN]] if len(still) else still
+        still = still[np.argsort(-heights[1 + _COVER :], kind="stable")[:_AGAIN]]
         still = still if pending is None else np.vstack([still, pending])
         both = np.vstack([still, fresh])
         _, first = np.unique(np.round(both, 9) + 0.0, axis=0, return_index=True)
@@ -103,10 +137,15 @@ class Cloud:
 
     def draws(self, of_each: int, rng: np.random.Generator) -> FloatArray:
         """Joint draws (d * of_each, m) of the surface, rising towards the goal."""
-        found = []
-        for mean, covariance in zip(self.means, self.covariances, strict=True):
-            found.append(mean + rng.standard_normal((of_each, len(mean))) @ _root(covariance).T)
+        found = [
+            mean + rng.standard_normal((of_each, len(mean))) @ root.T
+            for mean, root in zip(self.means, self._roots, strict=True)
+        ]
         return np.vstack(found)
+
+    @cached_property
+    def _roots(self) -> list[FloatArray]:
+        return [_root(covariance) for covariance in self.covariances]
 
 
 def propose_from_process(
@@ -148,8 +187,7 @@ def propose_from_process(
     seed : int
         Equal inputs and seed give equal proposals.
     """
-    rng = np.random.default_rng(seed)
-    cloud = Cloud(process, region, x_hat, made[~pending], sign, rng, made[pending])
+    cloud, rng = cloud_of(process, region, x_hat, made[~pending], sign, seed, made[pending] if pending.any() else None)
     covariance, noise = cloud.covariance.copy(), cloud.noise / weight
     for point in made[pending]:
         _count(covariance, noise, int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))

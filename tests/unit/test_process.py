@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from emcee.moves import StretchMove
 from process_cases import VAGUE, bowl, factors, fitted, hill, noise_covariance, prior_covariance, spread, trend
 from scipy import integrate, stats
 from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.ensemble import short_chain
+from seqrsm.fit.ensemble import _sampler
 from seqrsm.fit.process import MOST_RUNS, Hyper, Process, bent, trend_columns
 
 CASES = {
@@ -303,6 +304,6 @@ def test_an_interrupt_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        short_chain(interrupted, np.eye(4, 2), 4, np.random.default_rng(1))
+        _sampler(4, 2, interrupted, [(StretchMove(), 1.0)]).run_mcmc(np.eye(4, 2), 4)
     told = capsys.readouterr()
     assert told.out == told.err == ""

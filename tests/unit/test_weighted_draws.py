@@ -1,0 +1,89 @@
+"""Draws by importance against integrals known in closed form and by quadrature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from seqrsm.fit.conjugate import crossing
+from seqrsm.fit.process import weighted_draws
+
+BOX = 5.0
+
+
+def inside(log_likelihood):
+    """With a standard normal prior, and nothing beyond five standard deviations."""
+
+    def log_density(z: np.ndarray) -> np.ndarray:
+        found = log_likelihood(z) - 0.5 * np.sum(z**2, axis=1)
+        return np.where(np.all(np.abs(z) < BOX, axis=1), found, -np.inf)
+
+    return log_density
+
+
+@pytest.mark.parametrize("d", [1, 4, 11])
+def test_a_normal_posterior(d: int) -> None:
+    """Measurements of each coordinate, one far more exact than the others: evidence and moments are known."""
+    noise, data = np.geomspace(0.05, 2.0, d), np.linspace(-1.0, 1.0, d)
+    density = inside(lambda z: -0.5 * np.sum(((z - data) / noise) ** 2 + np.log(2.0 * np.pi * noise**2), axis=1))
+    found = weighted_draws(density, d, np.random.default_rng(1))
+    total = 1.0 + noise**2
+    log_evidence = -0.5 * np.sum(data**2 / total + np.log(2.0 * np.pi * total))
+    mean, sd = data / total, noise / np.sqrt(total)
+    error = 4.0 / np.sqrt(found.effective)
+    assert found.effective > 100.0
+    assert found.log_evidence == pytest.approx(log_evidence, abs=error)
+    assert found.shares.sum() == pytest.approx(1.0)
+    np.testing.assert_array_less(np.abs(found.shares @ found.draws - mean) / sd, error)
+    spread = np.sqrt(found.shares @ (found.draws - mean) ** 2)
+    np.testing.assert_array_less(np.abs(np.log(spread / sd)), error)
+    some = found.some(2000, np.random.default_rng(2))
+    np.testing.assert_allclose(some.mean(axis=0), found.shares @ found.draws, atol=0.05)
+
+
+def bent_ridge(z: np.ndarray) -> np.ndarray:
+    """No normal distribution: along a parabola, with a second, lower top."""
+    return -0.5 * ((z[:, 0] - z[:, 1] ** 2 + 1.0) / 0.2) ** 2 + np.log1p(np.exp(-2.0 * (z[:, 1] - 1.0) ** 2))
+
+
+def test_a_bent_ridge_with_two_tops() -> None:
+    density = inside(bent_ridge)
+
+    def share(weight) -> float:
+        """By quadrature."""
+
+        def at(y: float, x: float) -> float:
+            z = np.array([[x, y]])
+            return float(np.exp(density(z)[0]) * weight(z)[0]) / (2.0 * np.pi)
+
+        found, _ = integrate.dblquad(at, -BOX, BOX, -BOX, BOX, epsabs=1e-5, epsrel=1e-4)
+        return found
+
+    evidence = share(lambda z: np.ones(1))
+    right = share(lambda z: (z[:, 1] > 0.0).astype(float)) / evidence
+    several = [weighted_draws(density, 2, np.random.default_rng(seed)) for seed in range(20)]
+    logs = np.array([one.log_evidence for one in several]) - np.log(evidence)
+    shares = np.array([one.shares @ (one.draws[:, 1] > 0.0) for one in several])
+    assert abs(np.mean(logs)) < 4.0 * np.std(logs) / np.sqrt(20.0) + 0.02
+    assert np.mean(shares) == pytest.approx(right, abs=0.1)
+    assert np.std(logs) < 0.25
+
+
+def test_a_peak_at_the_border_is_kept_inside() -> None:
+    found = weighted_draws(inside(lambda z: 40.0 * z[:, 0]), 2, np.random.default_rng(3))
+    assert np.all(np.abs(found.draws[found.shares > 0.0]) < BOX)
+    assert found.shares @ found.draws[:, 0] > 4.5
+    assert np.isfinite(found.log_evidence)
+
+
+def test_crossings_of_steep_flat_and_exact_functions() -> None:
+    zeros = np.array([0.3, -0.7, 0.0, 0.9999])
+
+    def rising(x: np.ndarray, k: np.ndarray) -> np.ndarray:
+        off = x - zeros[k]
+        return np.choose(k, [np.tanh(300.0 * off), off**3, off, np.sign(off)])
+
+    found = crossing(rising, np.full(4, -1.0), np.full(4, 1.0))
+    np.testing.assert_allclose(found[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-12)
+    assert found[1] == pytest.approx(zeros[1], abs=1e-4)
