@@ -89,9 +89,10 @@ def weigh_departure(
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    given = model, data.points, fit.y, fit.weights, fit.Z[:, surface.estimate.size :]
+    sources, nuisance = surface.for_process()
+    given = model, data.points, fit.y, fit.weights, nuisance
     # What a look found is confirmed and sampled from by the same scores.
-    process = recalled(lambda: Process(*given, generator(seed, n, "process")), (given, seed))
+    process = recalled(lambda: Process(*given, generator(seed, n, "process"), sources), (given, seed, sources))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)

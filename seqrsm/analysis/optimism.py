@@ -57,7 +57,7 @@ def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> flo
     noise[:, np.lexsort(made.T)] = sign * _normal(len(made), rng)  # whatever the order of the runs
     found = (1.0 - share) * _of_quadratic(surface, at, sign, noise, rng) if share < 1.0 else 0.0
     if process is not None:
-        found += share * _of_process(process, surface.fit.y, surface.fit.weights, at, sign, noise)
+        found += share * _of_process(process, surface.fit.y, at, sign, noise)
     return float(sign * max(sign * found, 0.0))
 
 
@@ -111,13 +111,11 @@ def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(coefficients @ rows.T)
 
 
-def _of_process(
-    process: Process, y: FloatArray, weights: FloatArray, at: FloatArray, sign: float, noise: FloatArray
-) -> float:
+def _of_process(process: Process, y: FloatArray, at: FloatArray, sign: float, noise: FloatArray) -> float:
     """The same of the process of scores ``y`` (n,), with all runs where they were."""
     n, pull = noise.shape[1], process.pull(at)
     mean = process.centre + (y - process.centre) @ pull
-    sd = np.sqrt(np.mean(process.noise_variance) / weights)
+    sd = np.sqrt(process.variance_of_runs)
     scores = np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise])
     told = process.centre + (scores - process.centre) @ pull
     same, flat, errors = told[0], told[1], told[2:] - told[0]

@@ -20,7 +20,7 @@ from seqrsm.analysis.runs import (
 )
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import SourceFit, fit_sources, source_prior, to_flight
+from seqrsm.decide.sources import SourceFit, discrepancy_sd, fit_sources, source_prior, to_flight
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
@@ -28,6 +28,7 @@ from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, 
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns
+from seqrsm.fit.process import Sources
 from seqrsm.spec.read import CampaignSpec
 
 
@@ -175,6 +176,10 @@ class Surface:
         runs = self._runs(fit.Z, weights, prior, stated)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
+    def for_process(self) -> tuple[Sources | None, FloatArray]:
+        """What a process beside it knows of sources, and columns (n, e) of effects that are no part of the surface."""
+        return None, self.fit.Z[:, self.estimate.size :]
+
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """Simulation against flight at a coded point (k,); None where there is one source."""
         del point, level
@@ -280,8 +285,6 @@ class TwoSources(Surface):
 
     both: SourceFit
 
-    no_departure: ClassVar[str] = "the difference between simulations and flights is a surface of its own"
-
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
         """Runs of two sources."""
@@ -358,6 +361,12 @@ class TwoSources(Surface):
                 why = "exactly, not by emcee: the exact form is known with simulations and flights"
                 return Draws(to_flight(self.model, beta), sigma, made, share, instead=why)
         return self.errors.draws(runs, bounds, sampler, n, rng)
+
+    def for_process(self) -> tuple[Sources | None, FloatArray]:
+        """The same difference, flights the own source."""
+        both = self.both
+        sources = Sources(both.runs.flights, discrepancy_sd(self.model, both.prior_sd), both.flight_weight)
+        return sources, both.runs.Z[:, 2 * self.model.p :]
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """On a transformed scale the difference is taken in scores."""

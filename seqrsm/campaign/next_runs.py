@@ -121,10 +121,12 @@ class _Chooser:
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        By the process where one was weighed, and it knows of all runs.
+        By the process where one was weighed that knows of runs of this source: of two it is that of flights.
         """
         process = self.analysis.fitted.departure.process
-        if process is None or self.spec.model.block is not None or {run.source for run in done} != {source}:
+        scored, pending = ({run.source for run in done if run.pending is waits} for waits in (False, True))
+        known = pending <= {source} and (scored == {source} or (source == "flight" and source in scored))
+        if process is None or self.spec.model.block is not None or not known:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
         return propose_from_process(
             process,

@@ -6,6 +6,9 @@ model has not; f is a Matern 5/2 process with a length of its own for each numer
 the levels of categories. Bends, scales, lengths and noise have priors, in units of the scores' scatter and of the
 region, and are drawn by importance: nothing rests on one best guess of them.
 
+Of two sources, the surface is that of one of them; the other's departs from it by ``z(x)'d`` with normal d, and has a
+noise of its own (Kennedy & O'Hagan 2001, J. R. Statist. Soc. B 63, 425-464).
+
 References
 ----------
 Rasmussen & Williams (2006), Gaussian processes for machine learning, 2.7, 5.1; Snoek et al. (2014), Input warping for
@@ -16,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -24,7 +27,7 @@ from scipy.linalg.lapack import dpotrf
 from scipy.optimize import minimize
 from scipy.special import gammaln, logsumexp
 
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 
@@ -39,6 +42,7 @@ _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "leng
 scatter; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
+_DIFFERENCE = (0.0, 0.4)  # of the logarithm of what the stated difference between sources is multiplied by
 _KEPT = 20
 _FEATURES = 1000
 _ROUNDS, _LATE, _DRAWS = 5, 3, 250
@@ -47,6 +51,24 @@ _OWN = 0.75  # share of the variance that is a kernel's own
 _LEAST = 60.0  # effective draws that the next round is placed by
 _FAR, _OUTSIDE, _STEP, _WIDE_STEP = 4.9, -1e10, 1e-4, 0.03
 _CACHED = 2**16
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Which runs are of the source whose surface is sought, and how far the other's may depart.
+
+    Attributes
+    ----------
+    own : ndarray (n,) of bool
+    difference_sd : ndarray (p,)
+        Prior standard deviation of each coefficient of the difference, score units.
+    weight : float
+        Of a run of the own source, where one of the other has 1: what the quadratic is weighed with.
+    """
+
+    own: BoolArray
+    difference_sd: FloatArray
+    weight: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +84,9 @@ class Hyper:
     lengths, bends : ndarray (d, q)
         Of each numeric factor: on the bent axis (see `bent`) the process does not depend on one whose length is far
         above 2; a bend of 0 leaves the axis as it is.
+    difference, other_noise : ndarray (d,)
+        Of two sources: what the stated standard deviation of their difference is multiplied by, and the noise of the
+        other source; 0 of one.
     """
 
     trend: FloatArray
@@ -70,14 +95,17 @@ class Hyper:
     between: FloatArray
     lengths: FloatArray
     bends: FloatArray
+    difference: FloatArray
+    other_noise: FloatArray
 
     @classmethod
-    def of(cls, theta: FloatArray, n_numeric: int, categories: bool) -> Hyper:
-        """From rows (d, h) as they are sampled: logarithms, bends last, before the lengths a logit of ``between``."""
+    def of(cls, theta: FloatArray, n_numeric: int, categories: bool, sources: bool) -> Hyper:
+        """From rows (d, h) as they are sampled: logarithms, a logit of ``between`` before lengths, bends after them."""
         trend, process, noise = np.exp(theta[:, :3]).T
         between = 1.0 / (1.0 + np.exp(-theta[:, 3])) if categories else np.ones(len(theta))
-        lengths, bends = theta[:, 3 + categories :][:, :n_numeric], theta[:, 3 + categories + n_numeric :]
-        return cls(trend, process, noise, between, np.exp(lengths), bends)
+        lengths, bends, of_sources = np.split(theta[:, 3 + categories :], (n_numeric, 2 * n_numeric), axis=1)
+        two = np.exp(of_sources).T if sources else np.zeros((2, len(theta)))
+        return cls(trend, process, noise, between, np.exp(lengths), bends, *two)
 
     def some(self, which: slice) -> Hyper:
         """The draws in these places."""
@@ -86,11 +114,16 @@ class Hyper:
 
 @dataclass(frozen=True, slots=True)
 class _Places:
-    """Points under each draw: bent coordinates in lengths (d, m, q), columns of the trend times its scale (t, d, m)."""
+    """Points under each draw: bent coordinates in lengths (d, m, q), columns of the trend times its scale (t, d, m).
+
+    And rows (m, p) of the difference between sources, each term in units of its standard deviation; without columns
+    where there is one source.
+    """
 
     scaled: FloatArray
     columns: FloatArray
     levels: FloatArray
+    difference: FloatArray
 
     @property
     def rows(self) -> FloatArray:
@@ -99,7 +132,7 @@ class _Places:
 
     def some(self, which: slice) -> _Places:
         """The same under the draws in these places."""
-        return _Places(self.scaled[which], self.columns[:, which], self.levels)
+        return replace(self, scaled=self.scaled[which], columns=self.columns[:, which])
 
 
 def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
@@ -184,6 +217,7 @@ class Process:
         weights: FloatArray,
         nuisance: FloatArray,
         rng: np.random.Generator,
+        sources: Sources | None = None,
     ) -> None:
         """Sample.
 
@@ -200,24 +234,28 @@ class Process:
         nuisance : ndarray (n, e)
             Columns of effects that are no part of the surface (blocks); 0 in future runs.
         rng : numpy.random.Generator
+        sources : Sources, optional
+            Where runs are of two; future runs and the surface are of the own source.
         """
         self.model, weights = model, np.asarray(weights, dtype=np.float64)
         self.centre, self.scatter = float(np.mean(y)), float(np.std(y))
         # Equal runs at the same settings tell as much as their mean, and their scatter about it: matrices are smaller.
-        same = np.hstack([points, nuisance, weights[:, None]])
+        own = np.ones(len(y), dtype=np.bool_) if sources is None else sources.own
+        same = np.hstack([points, nuisance, weights[:, None], own[:, None]])
         _, first, self._place = np.unique(same, axis=0, return_index=True, return_inverse=True)
         self._points, self._nuisance = np.asarray(points, dtype=np.float64)[first], nuisance[first]
         self._inverse_weights, self._runs = 1.0 / weights[first], np.bincount(self._place)
         scores = (y - self.centre) / self.scatter
         self._y = np.bincount(self._place, scores) / self._runs
         self._squares = np.bincount(self._place, np.square(scores - self._y[self._place]))
-        n = len(first)
+        n, self._is_own, self._sources = len(first), own[first], sources
         i, j = np.tril_indices(n)
         self._pairs = i * n + j
         self._vague = _VAGUE * (1.0 + np.sum(self._nuisance[i] * self._nuisance[j], axis=1))
         self._columns = trend_columns(model)
         self._base, self._levels = model.base(self._points), self._points[:, list(model.categorical)]
         self._apart = np.sum(self._levels[i] != self._levels[j], axis=1)
+        self._difference = self._of_difference(self._points) * self._is_own[:, None]
         self._prior = self._log_prior()
         mean, sd = self._prior
         found = weighted_draws(self._log_posterior, len(mean), rng)
@@ -234,6 +272,7 @@ class Process:
             sums[some] = (cross @ self._alpha[some, :, None])[..., 0]
         slopes = np.einsum("dnt,dn->dt", own.rows, self._alpha)
         sums += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(self._alpha, axis=1)[:, None]
+        sums += np.square(h.difference)[:, None] * (self._alpha @ own.difference @ at.difference.T)
         found: FloatArray = self.centre + self.scatter * sums
         return found
 
@@ -270,6 +309,7 @@ class Process:
         at = self._places(self.hyper, points)
         cross = self._covariance(self.hyper, at, self._own)
         variances = np.sum(at.rows**2, axis=-1) + np.square(self.hyper.process)[:, None] + _VAGUE
+        variances += np.square(self.hyper.difference)[:, None] * np.sum(at.difference**2, axis=1)
         for d, half in enumerate(self._halves(cross)):
             variances[d] -= np.sum(half**2, axis=0)
         return self._means(cross), self.scatter**2 * np.maximum(variances, 0.0)
@@ -292,13 +332,14 @@ class Process:
         factor = np.linalg.cholesky(h.between**apart + _JITTER * np.eye(len(levels)))
         heights = factor @ rng.standard_normal((len(levels), _FEATURES)) * h.process * np.sqrt(2.0 / _FEATURES)
         slopes, middle = rng.standard_normal(len(self._columns)), np.sqrt(_VAGUE) * rng.standard_normal()
+        differs = h.difference * rng.standard_normal(self._difference.shape[1])
 
         def before(at: _Places) -> FloatArray:
             which = np.argmin(np.sum(at.levels[:, None] != levels[None], axis=-1), axis=1)
             found: FloatArray = np.sum(np.cos(at.scaled[0] @ waves.T + phases) * heights[which], axis=1)
-            return np.asarray(found + at.rows[0] @ slopes + middle)
+            return np.asarray(found + at.rows[0] @ slopes + middle + at.difference @ differs)
 
-        own = self._places(h, self._points)
+        own = self._places_of_runs(h)
         # What scores have beyond the surface.
         others = np.diag(self._variances(h)[0] / self._runs)
         others += _VAGUE * self._nuisance @ self._nuisance.T
@@ -316,6 +357,11 @@ class Process:
         """Variance (d,) of a run of weight 1 for each draw, score units."""
         return np.asarray(np.square(self.scatter * self.hyper.noise))
 
+    @property
+    def variance_of_runs(self) -> FloatArray:
+        """Variance (n,) of each run about its source's surface, over all draws, score units."""
+        return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place])
+
     def _means(self, cross: FloatArray) -> FloatArray:
         found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
         return found
@@ -326,10 +372,19 @@ class Process:
             yield solve_triangular(factor, row.T, lower=True, check_finite=False)
 
     def _places(self, h: Hyper, points: FloatArray) -> _Places:
-        return self._bent_places(h, self.model.base(points), points[:, list(self.model.categorical)])
+        levels, difference = points[:, list(self.model.categorical)], self._of_difference(points)
+        return self._bent_places(h, self.model.base(points), levels, difference)
 
-    def _bent_places(self, h: Hyper, base: FloatArray, levels: FloatArray) -> _Places:
-        """Of points with base columns (m, b)."""
+    def _places_of_runs(self, h: Hyper) -> _Places:
+        return self._bent_places(h, self._base, self._levels, self._difference)
+
+    def _of_difference(self, points: FloatArray) -> FloatArray:
+        if self._sources is None:
+            return np.empty((len(points), 0))
+        return np.asarray(self.model.matrix(points) * self._sources.difference_sd / self.scatter)
+
+    def _bent_places(self, h: Hyper, base: FloatArray, levels: FloatArray, difference: FloatArray) -> _Places:
+        """Of points with base columns (m, b), levels, and rows (m, p) of the difference."""
         numeric = slice(1, 1 + len(self.model.numeric))
         columns = np.repeat(base.T[:, None], len(h.trend), axis=1)  # (b, d, m): whole columns are taken faster
         columns[numeric] = bent(columns[numeric], h.bends.T[..., None])
@@ -338,13 +393,15 @@ class Process:
         products *= columns[second]
         products *= columns[third]
         scaled = columns[numeric] / h.lengths.T[..., None]
-        return _Places(np.moveaxis(scaled, 0, -1).copy(), products, levels)
+        return _Places(np.moveaxis(scaled, 0, -1).copy(), products, levels, difference)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Of the surface (d, m, n)."""
         k = self._of_process(h, a, b)
         k += a.rows @ np.swapaxes(b.rows, 1, 2)
         k += _VAGUE
+        if self._sources is not None:
+            k += np.square(h.difference)[:, None, None] * (a.difference @ b.difference.T)
         return k
 
     def _of_process(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
@@ -362,6 +419,8 @@ class Process:
         k = _matern(h, _squares(own, own).reshape(-1, n * n).take(pairs, axis=1), self._apart)
         k += (own.rows @ np.swapaxes(own.rows, 1, 2)).reshape(-1, n * n).take(pairs, axis=1)
         k += self._vague
+        if self._sources is not None:
+            k += np.square(h.difference)[:, None] * (own.difference @ own.difference.T).take(pairs)
         V, diagonal = np.zeros((len(k), n + 1, n + 1)), np.arange(n)
         V.reshape(len(k), -1)[:, pairs + pairs // n] = k
         V[:, diagonal, diagonal] += self._variances(h) / self._runs
@@ -370,19 +429,23 @@ class Process:
 
     def _variances(self, h: Hyper) -> FloatArray:
         """Of a run at each place, (d, n)."""
-        return np.asarray(np.square(h.noise)[:, None] * self._inverse_weights + _JITTER)
+        noise = np.where(self._is_own, h.noise[:, None], h.other_noise[:, None])
+        return np.asarray(np.square(noise) * self._inverse_weights + _JITTER)
 
     def _log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Of rows (d, h), without its constant; -inf where rounding leaves no positive matrix."""
         n, found = len(self._y), np.empty(len(theta))
         for some in _in_cache(len(theta), len(self._pairs)):
-            h = Hyper.of(theta[some], len(self.model.numeric), bool(self.model.categorical))
-            V = self._of_scores(h, self._bent_places(h, self._base, self._levels))
+            h = self._hyper_of(theta[some])
+            V = self._of_scores(h, self._places_of_runs(h))
             failed = np.array([dpotrf(each.T, overwrite_a=True, clean=False)[1] for each in V])
             scales = np.where(failed[:, None], 1.0, np.diagonal(V, axis1=1, axis2=2)[:, :n])
             sums = -np.sum(np.log(scales), axis=1) - 0.5 * np.sum(np.square(V[:, n, :n]), axis=1)
             found[some] = np.where(failed, -np.inf, sums + self._of_repeats(self._variances(h)))
         return found
+
+    def _hyper_of(self, theta: FloatArray) -> Hyper:
+        return Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical), self._sources is not None)
 
     def _log_prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (h,) of the sampled coordinates."""
@@ -391,6 +454,7 @@ class Process:
         rows += [_BETWEEN] * bool(self.model.categorical)
         rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * len(self.model.numeric)
         rows += [_BEND] * len(self.model.numeric)
+        rows += [_DIFFERENCE, rows[2]] * (self._sources is not None)
         mean, sd = np.array(rows).T
         return mean, sd
 
@@ -405,8 +469,8 @@ class Process:
 
     def _keep(self, theta: FloatArray) -> None:
         """Condition on the scores under these hyperparameters (d, h)."""
-        self.hyper, n = Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical)), len(self._y)
-        self._own = self._places(self.hyper, self._points)
+        self.hyper, n = self._hyper_of(theta), len(self._y)
+        self._own = self._places_of_runs(self.hyper)
         roots = np.linalg.cholesky(self._of_scores(self.hyper, self._own))
         self._factors, solved = roots[:, :n, :n], roots[:, n, :n]
         self._alpha = np.linalg.solve(np.swapaxes(self._factors, 1, 2), solved[..., None])[..., 0]
@@ -419,9 +483,12 @@ class Process:
     def _log_evidence_of_quadratic(self) -> float:
         """Of the model's own terms with coefficients of free scale and equal noise, on a grid of the two scales."""
         rows = self.model.matrix(self._points)[:, 1:]
-        root = np.sqrt(self._runs / self._inverse_weights)
+        weight = 1.0 if self._sources is None else self._sources.weight
+        inverse_weights = self._inverse_weights / np.where(self._is_own, weight, 1.0)
+        root = np.sqrt(self._runs / inverse_weights)
         y, square = self._y * root, np.outer(root, root)
-        gram, vague = rows @ rows.T * square, _VAGUE * (1.0 + self._nuisance @ self._nuisance.T) * square
+        others = _VAGUE * (1.0 + self._nuisance @ self._nuisance.T) + self._difference @ self._difference.T
+        gram, vague = rows @ rows.T * square, others * square
         (trend, sd_trend), (noise, sd_noise) = _PRIOR["trend"], _PRIOR["noise"]
         z = np.linspace(-3.5, 3.5, 25)
         step = z[1] - z[0]
@@ -432,7 +499,7 @@ class Process:
             total = np.maximum(own, 0.0)[:, None] + variances + _JITTER
             logs[i] = -0.5 * np.sum(((vectors.T @ y) ** 2)[:, None] / total + np.log(total), axis=0)
         logs += (
-            self._of_repeats((variances + _JITTER)[:, None] * self._inverse_weights)
+            self._of_repeats((variances + _JITTER)[:, None] * inverse_weights)
             - 0.5 * (z[:, None] ** 2 + z**2)
             - np.log(2.0 * np.pi)
         )

@@ -291,12 +291,16 @@ def test_most_runs() -> None:
 
 def test_hyperparameters_by_name() -> None:
     theta = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 2.0, -1.0, 3.0]])
-    h = Hyper.of(theta, 2, categories=True)
+    h = Hyper.of(theta, 2, categories=True, sources=False)
     assert (h.trend[0], h.process[0], h.noise[0]) == tuple(np.exp([0.1, 0.2, 0.3]))
     assert h.between[0] == 0.5
     np.testing.assert_array_equal(h.lengths, np.exp([[1.0, 2.0]]))
     np.testing.assert_array_equal(h.bends, [[-1.0, 3.0]])
-    assert Hyper.of(theta[:, :5], 1, categories=False).between[0] == 1.0
+    assert Hyper.of(theta[:, :5], 1, categories=False, sources=False).between[0] == 1.0
+    assert (h.difference[0], h.other_noise[0]) == (0.0, 0.0)
+    two = Hyper.of(np.append(theta, [[0.5, -0.5]], axis=1), 2, categories=True, sources=True)
+    assert (two.difference[0], two.other_noise[0]) == tuple(np.exp([0.5, -0.5]))
+    np.testing.assert_array_equal(two.bends, h.bends)
 
 
 def test_an_interrupt_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
