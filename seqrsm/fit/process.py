@@ -146,6 +146,13 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     return found
 
 
+def _orthogonal(columns: FloatArray) -> FloatArray:
+    """Orthogonal columns (n, r) of unit mean square that span the same: the order of blocks makes no difference."""
+    sides, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    found: FloatArray = np.sqrt(len(columns)) * sides[:, sizes > 1e-9 * max(sizes, default=0.0)]
+    return found
+
+
 def _squares(a: _Places, b: _Places) -> FloatArray:
     """5 |a - b|^2, (d, m, n), by one product."""
     of_a, of_b = (5.0 * np.sum(at.scaled**2, axis=-1, keepdims=True) for at in (a, b))
@@ -243,7 +250,7 @@ class Process:
         own = np.ones(len(y), dtype=np.bool_) if sources is None else sources.own
         same = np.hstack([points, nuisance, weights[:, None], own[:, None]])
         _, first, self._place = np.unique(same, axis=0, return_index=True, return_inverse=True)
-        self._points, self._nuisance = np.asarray(points, dtype=np.float64)[first], nuisance[first]
+        self._points, self._nuisance = np.asarray(points, dtype=np.float64)[first], _orthogonal(nuisance)[first]
         self._inverse_weights, self._runs = 1.0 / weights[first], np.bincount(self._place)
         scores = (y - self.centre) / self.scatter
         self._y = np.bincount(self._place, scores) / self._runs

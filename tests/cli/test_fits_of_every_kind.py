@@ -163,7 +163,7 @@ def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_sam
     turned = [rows[i] | {"score": -2.0 * rows[i]["score"]} for i in order]
     found = analysis_to_json(analysed(tmp_path / "c", factors, turned, model, MEASURED + 'goal = "minimize"\n'))
     one, other = document["optimum"], found["optimum"]
-    # The chain of a process that meets other roundings may part from its twin: settings then differ a little.
+    # The draws of a process that meet other roundings may part from their twins: settings then differ a little.
     weighed = not document["departure"]["reason"]
     assert other["coded"] == pytest.approx(one["coded"], abs=0.02 if weighed else 1e-6)
     assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-3 if weighed else 1e-7)

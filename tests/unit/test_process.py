@@ -57,6 +57,20 @@ def test_likelihood_is_that_of_the_normal_distribution(case: str) -> None:
         assert one - 0.5 * n * np.log(2.0 * np.pi) == pytest.approx(of_normal.logpdf(y), rel=1e-9)
 
 
+def test_likelihood_of_equal_runs_is_that_of_the_normal_distribution() -> None:
+    """Six settings, five runs each of a weight of their own: they are one place to the process."""
+    rng = np.random.default_rng(1)
+    points, weights = np.repeat(spread(6, 2), 5, axis=0), np.repeat(np.exp(rng.normal(size=6)), 5)
+    given = {"points": points, "weights": weights, "nuisance": np.empty((30, 0))}
+    y = hill(points) + rng.normal(size=30)
+    process = fitted(points, y, weights=weights)
+    thetas_of = thetas(process, 5)
+    scores = (y - y.mean()) / y.std()
+    for theta, one in zip(thetas_of, process._log_likelihood(thetas_of), strict=True):
+        of_normal = stats.multivariate_normal(np.zeros(30), of_scores(theta, given, 2, ()))
+        assert one - 15.0 * np.log(2.0 * np.pi) == pytest.approx(of_normal.logpdf(scores), rel=1e-9)
+
+
 @pytest.mark.parametrize("levels", [(), (2,), (4,), (3, 2)])
 def test_rows_of_the_trend_have_the_scalar_products_of_those_written_down(levels: tuple[int, ...]) -> None:
     points = spread(12, 2, levels)

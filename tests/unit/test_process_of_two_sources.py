@@ -39,7 +39,8 @@ def difference(theta: np.ndarray, a: np.ndarray, b: np.ndarray, scatter: float) 
 def of_scores(theta: np.ndarray, data: dict[str, np.ndarray]) -> np.ndarray:
     """Covariance of the scores, in units of their scatter."""
     points, flights, scatter = data["points"], data["flights"], float(np.std(data["y"]))
-    found = prior_covariance(theta[:-2], points, points, K, LEVELS) + VAGUE * data["days"] @ data["days"].T
+    found = prior_covariance(theta[:-2], points, points, K, LEVELS)
+    found += VAGUE * N / np.sum(data["days"] ** 2) * data["days"] @ data["days"].T
     found += difference(theta, points, points, scatter) * np.outer(flights, flights)
     noise = np.where(flights, np.exp(theta[2]), np.exp(theta[-1]))
     return found + np.diag(noise**2 / data["weights"] + JITTER)
