@@ -162,8 +162,12 @@ def unknown_numbers(summary, document) -> list[str]:
     known = np.concatenate([known, 100.0 * known])
     found = []
     for text in every_text(summary):
-        for number in NUMBER.findall(plain(text)):
+        for match in NUMBER.finditer(plain(text)):
+            number = match[0]
             if len(number.strip("-").replace(".", "").lstrip("0")) < 3:
+                continue
+            if plain(text)[: match.start()].endswith("> "):  # a percentage that would round to 100
+                found += [] if np.any((known > float(number)) & (known <= 100.0)) else [f"{number} in {text}"]
                 continue
             step = 10.0 ** -len(number.partition(".")[2])
             if not np.any(np.abs(known - float(number)) <= 0.5 * step * (1 + 1e-9)):
