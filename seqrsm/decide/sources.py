@@ -7,6 +7,8 @@ differ less the higher their order; and each source has its own variance. Withou
 optimum would have the simulation's curvature, however much the flights say otherwise: on real scores the intervals then
 cover too little (reports/validation/flevoland_flights.md). Everything is conjugate given the ratio of the variances;
 the ratio has a posterior of its own, on a grid, and intervals and draws are mixtures over it.
+
+That is the quadratic's part of what is believed; the process beside it (`seqrsm.fit.process`) has the same difference.
 """
 
 from __future__ import annotations
