@@ -114,10 +114,13 @@ def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
 def _of_process(process: Process, y: FloatArray, at: FloatArray, sign: float, noise: FloatArray) -> float:
     """The same of the process of scores ``y`` (n,), with all runs where they were."""
     n, pull = noise.shape[1], process.pull(at)
-    mean = process.centre + (y - process.centre) @ pull
+
+    def means(scores: FloatArray) -> FloatArray:
+        return np.asarray(process.centre + (scores - process.centre) @ pull)
+
+    mean = means(y)
     sd = np.sqrt(process.variance_of_runs)
-    scores = np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise])
-    told = process.centre + (scores - process.centre) @ pull
+    told = means(np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise]))
     same, flat, errors = told[0], told[1], told[2:] - told[0]
     true, kept = _shrunk(mean, n, float(np.mean(np.var(errors[:, :n], axis=1))))
     return _above(flat + kept * (same - flat) + errors, true, n, sign)

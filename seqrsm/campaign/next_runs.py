@@ -124,8 +124,9 @@ class _Chooser:
         By the process where one was weighed that knows of runs of this source: of two it is that of flights.
         """
         process = self.analysis.fitted.departure.process
-        scored, pending = ({run.source for run in done if run.pending is waits} for waits in (False, True))
-        known = pending <= {source} and (scored == {source} or (source == "flight" and source in scored))
+        scored = {run.source for run in done if not run.pending}
+        others_wait = any(run.pending and run.source != source for run in done)
+        known = not others_wait and (scored == {source} or (source == "flight" and source in scored))
         if process is None or self.spec.model.block is not None or not known:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
         return propose_from_process(

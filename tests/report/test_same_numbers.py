@@ -166,11 +166,12 @@ def unknown_numbers(summary, document) -> list[str]:
             number = match[0]
             if len(number.strip("-").replace(".", "").lstrip("0")) < 3:
                 continue
-            if plain(text)[: match.start()].endswith("> "):  # a percentage that would round to 100
-                found += [] if np.any((known > float(number)) & (known <= 100.0)) else [f"{number} in {text}"]
-                continue
             step = 10.0 ** -len(number.partition(".")[2])
-            if not np.any(np.abs(known - float(number)) <= 0.5 * step * (1 + 1e-9)):
+            if plain(text)[: match.start()].endswith("> "):  # a percentage that would round to 100
+                shows = (known > float(number)) & (known <= 100.0)
+            else:
+                shows = np.abs(known - float(number)) <= 0.5 * step * (1 + 1e-9)
+            if not np.any(shows):
                 found.append(f"{number} in {text}")
     return found
 

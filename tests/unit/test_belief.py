@@ -28,7 +28,7 @@ from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.process import MOST_RUNS
+from seqrsm.fit.process import MOST_RUNS, Process
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewRun, NewScore
 
@@ -230,11 +230,16 @@ def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors
         assert [got.low, got.high] == pytest.approx([low, high], abs=slack)
 
 
+def means_of(process: Process, scores: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Means (b, m) of the surface if the runs had these scores (b, n)."""
+    return process.centre + (scores - process.centre) @ process.pull(at)
+
+
 def test_means_of_new_scores_are_linear_in_them_and_those_of_the_runs_are_the_processes(narrow: Analysis) -> None:
     process, y = narrow.fitted.departure.process, narrow.fitted.fit.y
     assert process is not None
     other = y[::-1] + 3.0
-    found = process.means_of(np.stack([y, other, 0.25 * y + 0.75 * other]), AT)
+    found = means_of(process, np.stack([y, other, 0.25 * y + 0.75 * other]), AT)
     np.testing.assert_allclose(found[0], process.mean(AT), rtol=1e-9)
     np.testing.assert_allclose(found[2], 0.25 * found[0] + 0.75 * found[1], rtol=1e-9)
 
@@ -253,7 +258,7 @@ def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Ana
 
     def told(scores: np.ndarray) -> np.ndarray:
         quadratic = np.linalg.lstsq(fit.Z, scores.T, rcond=None)[0].T @ analysis.model.matrix(at).T
-        return (1.0 - share) * quadratic + share * process.means_of(scores, at)
+        return (1.0 - share) * quadratic + share * means_of(process, scores, at)
 
     noise = process.noise_variance.mean()
     sd = np.sqrt((1.0 - share) * fit.s**2 + share * noise)

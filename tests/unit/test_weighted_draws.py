@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate
 
 from seqrsm.fit.conjugate import crossing
-from seqrsm.fit.process import weighted_draws
+from seqrsm.fit.importance import weighted_draws
 
 BOX = 5.0
 

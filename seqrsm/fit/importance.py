@@ -1,0 +1,136 @@
+"""Draws of a posterior by importance, and its evidence: from the peak, in rounds of kernels about the draws before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import gammaln
+
+from seqrsm.arrays import FloatArray, IntArray
+
+_ROUNDS, _LATE, _DRAWS = 5, 3, 250  # rounds, those of them that count, and draws of each
+_DF, _WIDER = 6.0, 1.2  # of a kernel: degrees of freedom, and how much wider than the draws its variance is
+_OWN = 0.75  # share of the variance that is a kernel's own
+_LEAST = 60.0  # effective draws that the next round is placed by
+_FAR, _OUTSIDE = 4.9, -1e10  # largest coordinate of a peak, and the log density told where there is none
+_STEP, _WIDE_STEP = 1e-4, 0.03  # of differences: for slopes, and for curvatures
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedDraws:
+    """Draws of a posterior.
+
+    Attributes
+    ----------
+    draws : ndarray (m, d)
+    shares : ndarray (m,)
+        Of the probability, 1 in all.
+    log_evidence : float
+        Logarithm of the integral of likelihood times prior.
+    """
+
+    draws: FloatArray
+    shares: FloatArray
+    log_evidence: float
+
+    @property
+    def effective(self) -> float:
+        """Equally weighted draws that would tell as much."""
+        return _effective(self.shares)
+
+    def some(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Equally weighted draws (n, d)."""
+        return self.draws[_systematic(self.shares, n, rng)]
+
+
+def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng: np.random.Generator) -> WeightedDraws:
+    """Draws by importance, of late rounds: from the peak, in rounds of kernels about the draws before.
+
+    The first round is Student's distribution with the curvature of the peak (Tierney & Kadane 1986, J. Am. Stat. Assoc.
+    81, 82-86). Each later one is a mixture of narrower ones about the weighted draws of the round before, drawn in
+    so that their spread stays that of all (West 1993, Computing Science and Statistics 24, 325-333): it follows
+    ridges and bends that one distribution does not.
+
+    Parameters
+    ----------
+    log_density : callable
+        Of rows (m, d), where the prior is standard normal: log likelihood - |z|^2 / 2; -inf where a |z| is 5 or more.
+    d : int
+    rng : numpy.random.Generator
+    """
+    peak, spread = _peak(log_density, d)
+    centres, shares, kernel = peak[None, :], np.ones(1), spread
+    rounds = []
+    for _ in range(_ROUNDS):
+        root = np.asarray(np.linalg.cholesky(_WIDER * kernel), dtype=np.float64)
+        wide = rng.standard_normal((_DRAWS, d)) / np.sqrt(rng.chisquare(_DF, (_DRAWS, 1)) / _DF)
+        z = centres[_systematic(shares, _DRAWS, rng)] + wide @ root.T
+        logs = log_density(z) - _log_mixture(z, centres, shares, root)
+        rounds.append((z, logs))
+        shares = _tempered(logs)
+        centre, known = shares @ z, _effective(shares)
+        apart = z - centre
+        spread = (known * (apart.T * shares) @ apart + d * spread) / (known + d)
+        centres, kernel = centre + np.sqrt(1.0 - _OWN) * apart, _OWN * spread
+    draws, logs = (np.concatenate(parts) for parts in zip(*rounds[-_LATE:], strict=True))
+    shares = np.exp(logs - logs.max())
+    mean = float(logs.max() + np.log(np.mean(shares)))
+    return WeightedDraws(draws, shares / np.sum(shares), mean - 0.5 * d * np.log(2.0 * np.pi))
+
+
+def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[FloatArray, FloatArray]:
+    """The peak (d,), and the covariance (d, d) of the normal distribution with its curvature; by differences."""
+
+    def height(z: FloatArray) -> FloatArray:
+        return np.maximum(log_density(z), _OUTSIDE)
+
+    def depth_and_slope(z: FloatArray) -> tuple[float, FloatArray]:
+        first, *others = height(z + _STEP * np.eye(1 + d, d, -1))
+        return -first, (first - np.array(others)) / _STEP
+
+    found = minimize(depth_and_slope, np.zeros(d), jac=True, method="BFGS", options={"maxiter": 30, "gtol": 0.1}).x
+    peak = np.clip(found, -_FAR, _FAR)
+    step, (i, j) = _WIDE_STEP * np.eye(d), np.triu_indices(d, 1)
+    top, *sides = np.split(
+        height(peak + np.vstack([0.0 * step[:1], step, -step, step[i] + step[j]])), [1, 1 + d, 1 + 2 * d]
+    )
+    up, down, both = sides
+    curved = np.diag(2.0 * top - up - down)
+    curved[i, j] = curved[j, i] = up[i] + up[j] - both - top
+    own, axes = np.linalg.eigh(curved / _WIDE_STEP**2)
+    # The prior's is 1: where differences say less, the distribution is no normal one, and wide enough.
+    return peak, (axes / np.maximum(own, 0.5)) @ axes.T
+
+
+def _log_mixture(z: FloatArray, centres: FloatArray, shares: FloatArray, root: FloatArray) -> FloatArray:
+    """Log density (m,) of Student's distributions about ``centres`` (c, d) by their shares."""
+    d = z.shape[1]
+    a, b = (np.linalg.solve(root, x.T).T for x in (z, centres))
+    squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * a @ b.T
+    mixed = (1.0 + np.maximum(squares, 0.0) / _DF) ** (-0.5 * (_DF + d)) @ shares
+    constant = gammaln(0.5 * (_DF + d)) - gammaln(0.5 * _DF) - 0.5 * d * np.log(_DF * np.pi)
+    return np.asarray(np.log(mixed) + constant - np.sum(np.log(np.diag(root))))
+
+
+def _tempered(logs: FloatArray) -> FloatArray:
+    """Shares by the weights' logarithms, made more alike where few draws would have all."""
+    apart = logs - logs.max()
+    for power in 0.8 ** np.arange(40.0):
+        shares: FloatArray = np.exp(power * apart) / np.sum(np.exp(power * apart))
+        if _effective(shares) >= _LEAST:
+            break
+    return shares
+
+
+def _effective(shares: FloatArray) -> float:
+    return float(1.0 / np.sum(shares**2))
+
+
+def _systematic(shares: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+    """Places (n,), each as often as its share says to the nearest whole number."""
+    reached = np.cumsum(shares)
+    found: IntArray = np.searchsorted(reached, (rng.random() + np.arange(n)) / n * reached[-1])
+    return np.minimum(found, len(shares) - 1, out=found)
