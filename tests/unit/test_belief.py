@@ -23,7 +23,9 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.surfaces import TwoSources
 from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.campaign import next_runs
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -467,6 +469,48 @@ def test_flights_beside_simulations_are_told_by_a_process_that_knows_both(tmp_pa
     assert np.sqrt(np.mean((bands.mean - truth) ** 2)) < 0.7 * np.sqrt(np.mean((of_quadratic.mean - truth) ** 2))
     document = analysis_to_json(analysis)["departure"]
     assert not document["reason"]
+
+
+def test_a_process_has_the_days_and_the_weight_of_flights_as_the_quadratic_has_them(tmp_path: Path) -> None:
+    """Beside flights by days: the columns of blocks are no part of the surface, a flight counts by its own variance."""
+    points = np.round(spread(40, 2), 3)
+    flights = np.arange(40) % 2 == 0
+    days = ["a" if i % 4 == 0 else "b" if one else "" for i, one in enumerate(flights)]
+    scores = bowl(points) + np.where(flights, 0.3, 3.0) * NOISE[:40] + 6.0 * np.array([day == "b" for day in days])
+    text = specification(numeric(2), rest='[model]\nblock = "day"\n')
+    source = ["flight" if one else "simulation" for one in flights]
+    surface = analysed(tmp_path / "c", text, points, scores, source=source, block=days).fitted.surface
+    assert isinstance(surface, TwoSources)
+    sources, nuisance = surface.for_process()
+    assert sources is not None
+    np.testing.assert_array_equal(sources.own, flights)
+    assert sources.weight == pytest.approx((surface.both.s_simulation / surface.both.s) ** 2)
+    assert sources.weight > 10.0
+    assert np.linalg.matrix_rank(nuisance - nuisance.mean(axis=0)) >= 1
+    assert len({tuple(row) for row, day in zip(nuisance.tolist(), days, strict=True) if day == "a"}) == 1
+    assert nuisance[days.index("a")].tolist() != nuisance[days.index("b")].tolist()
+
+
+@pytest.mark.parametrize(
+    ("source", "waiting", "by_process"),
+    [("flight", "flight", True), ("flight", "simulation", False), ("simulation", "simulation", False)],
+)
+def test_next_flights_beside_simulations_come_from_the_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, waiting: str, by_process: bool
+) -> None:
+    """It knows the surface of flights alone, and counts waiting runs as flights."""
+    points = np.round(spread(30, 2), 3)
+    sources = ["flight" if i % 3 == 0 else "simulation" for i in range(30)]
+    made = campaign(tmp_path / "c", specification(numeric(2)), points, bowl(points) + NOISE[:30], source=sources)
+    made.store.add_batch([NewRun({"x0": 0.25, "x1": 0.25}, "optimum", "", waiting, 1.0)], issue=True)
+    analyses = made.analyse_all(n_draws=400)
+    asked = []
+    real = next_runs.propose_from_process
+    monkeypatch.setattr(next_runs, "propose_from_process", lambda *a, **more: asked.append(a) or real(*a, **more))
+    active = [run for run in made.store.runs() if run.state != "void"]
+    found = next_runs.next_batch(made.spec, analyses, active, 2, source)
+    assert [run.source for run in found] == [source, source]
+    assert bool(asked) is by_process
 
 
 # extremes -------------------------------------------------------------------------------------------------------------

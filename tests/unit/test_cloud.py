@@ -61,6 +61,15 @@ def test_runs_in_hand_are_not_asked_for_again(found) -> None:
     assert np.linalg.norm(after[0] - first[0]) > 0.01
 
 
+def test_the_best_forty_of_many_executed_settings_may_be_repeated() -> None:
+    points = np.round(spread(70, 2), 3)
+    process = fitted(points, hill(points) + np.random.default_rng(1).normal(size=70))
+    cloud = Cloud(process, BOX, TOP, points, 1.0, np.random.default_rng(2))
+    best = points[np.argsort(-process.mean(points), kind="stable")[:40]]
+    kept = cloud.points[cloud.executed]
+    np.testing.assert_array_equal(kept[np.lexsort(kept.T)], best[np.lexsort(best.T)])
+
+
 def test_settings_that_failed_are_left_alone(found) -> None:
     process, made = found
     barred = proposed(process, made, 3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from process_cases import JITTER, VAGUE, factors, hill, prior_covariance, spread
 from scipy import stats
+from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.process import Process, Sources
@@ -103,6 +104,29 @@ def test_flights_differ_and_scatter_less() -> None:
     assert np.sqrt(process.variance_of_runs[~flights]) == pytest.approx(4.0, rel=0.35)
     assert np.all(process.variance_of_runs[flights] < 0.25 * process.variance_of_runs[~flights])
     assert abs(float(np.mean(process.mean(at) - truth(at) + 5.0))) < 1.0
+
+
+def test_evidence_of_the_quadratic_is_the_integral_written_down() -> None:
+    """Over the scales of coefficients and noise; a flight counts for four simulations, the difference is as stated."""
+    data = given()
+    points, flights, scatter = data["points"], data["flights"], float(np.std(data["y"]))
+    y = (data["y"] - data["y"].mean()) / scatter
+    differs = (MODEL.matrix(points) * (SD / scatter) ** 2) @ MODEL.matrix(points).T * np.outer(flights, flights)
+    known = VAGUE * (1.0 + N / np.sum(data["days"] ** 2) * data["days"] @ data["days"].T) + differs
+    rows, weights = MODEL.matrix(points)[:, 1:], data["weights"] * np.where(flights, 4.0, 1.0)
+    z = np.linspace(-3.5, 3.5, 25)
+    logs = [
+        stats.multivariate_normal(
+            np.zeros(N),
+            known + (0.5 * np.exp(a)) ** 2 * rows @ rows.T + np.diag(((0.2 * np.exp(1.2 * b)) ** 2 + JITTER) / weights),
+        ).logpdf(y)
+        - 0.5 * (a**2 + b**2)
+        - np.log(2.0 * np.pi)
+        for a in z
+        for b in z
+    ]
+    expected = logsumexp(logs) + 2.0 * np.log(z[1] - z[0]) + 0.5 * N * np.log(2.0 * np.pi)
+    assert process_of(data)._log_evidence_of_quadratic() == pytest.approx(expected, rel=1e-6)
 
 
 def test_without_difference_and_with_equal_noise_sources_are_one() -> None:
