@@ -31,6 +31,8 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.process import MOST_RUNS, Process
+from seqrsm.report.blocks import Paragraph
+from seqrsm.report.sections.optimum import _departure
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewRun, NewScore
 
@@ -469,6 +471,9 @@ def test_flights_beside_simulations_are_told_by_a_process_that_knows_both(tmp_pa
     assert np.sqrt(np.mean((bands.mean - truth) ** 2)) < 0.7 * np.sqrt(np.mean((of_quadratic.mean - truth) ** 2))
     document = analysis_to_json(analysis)["departure"]
     assert not document["reason"]
+    (told,) = _departure(analysis)
+    assert isinstance(told, Paragraph)
+    assert "a noise variance for each source" in told.method
 
 
 def test_a_process_has_the_days_and_the_weight_of_flights_as_the_quadratic_has_them(tmp_path: Path) -> None:

@@ -194,10 +194,12 @@ def _departure(analysis: Analysis) -> list[Block]:
     if found.process is None:
         text = f"Settings and intervals are the quadratic's; no alternative surface was considered: {found.reason}."
         return [Paragraph(text)]
+    two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
+    of_sources = "" if analysis.sources is None else two
     how = (
         "The alternative is a Gaussian process about the quadratic, with a length scale and an axis warp for each "
-        "factor and noise that may increase where scores are poorer, averaged over its hyperparameters. Its prior "
-        f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
+        f"factor, averaged over its hyperparameters. {of_sources}Its prior probability is "
+        f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
     factor = f"log Bayes factor {format_number(found.log_bayes_factor, 1)}"
     if found.probability == 0.0:
