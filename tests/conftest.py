@@ -12,6 +12,7 @@ from hypothesis import settings
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 os.environ.pop("COLUMNS", None)
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers, one a core: threads of theirs would only wait
 
 
 @pytest.fixture(scope="module")
