@@ -15,7 +15,7 @@ import os
 import sqlite3
 import time
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -28,14 +28,13 @@ from sqlalchemy import event, exc
 from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
-from seqrsm.store.schema import HEAD, META, METADATA, REVISIONS
+from seqrsm.store.schema import FIRST, META, METADATA, MIGRATIONS
 
 BUSY_TIMEOUT_S = 30.0
 RECONNECT_S = 60.0
 """How long a server that was there may be away, as when it is started again, before a transaction is given up [s]."""
 _SERVER_LIMITS = f"-c lock_timeout={BUSY_TIMEOUT_S:.0f}s -c statement_timeout=120s"
 """Further limits of a server: 10 s to connect, 60 s for what was sent to arrive."""
-MIGRATIONS = Path(__file__).parent / "migrations"
 # Identifies a campaign's file to `file` and to us; any constant does.
 _APPLICATION_ID = 0x52534D31
 
@@ -60,10 +59,8 @@ class Database:
         Make the tables when there are none; otherwise their absence is an error.
     campaign : str
         Name that a new database gets; an existing one of another name is refused when this is not empty.
-    migrations : Path
-        Folder of the schema versions (replaced in tests only).
-    revisions : sequence of str
-        Schema versions, oldest first (replaced in tests only).
+    migrations : mapping of str to sequence of str
+        Statements that make each schema version from the one before, oldest first (replaced in tests only).
 
     Raises
     ------
@@ -77,15 +74,14 @@ class Database:
         *,
         create: bool = False,
         campaign: str = "",
-        migrations: Path = MIGRATIONS,
-        revisions: Sequence[str] = REVISIONS,
+        migrations: Mapping[str, Sequence[str]] = MIGRATIONS,
     ) -> None:
         self.path = location if isinstance(location, Path) else None
         self.network, self.read_only = "", False
         self._identity: tuple[int, int] | None = None
         self._rescued = ""
         self._migrations = migrations
-        self._revisions = tuple(revisions)
+        self._versions = (FIRST, *migrations)
         if self.path is not None:
             _check_path(self.path, create)
             with suppress(OSError):
@@ -124,7 +120,7 @@ class Database:
         with self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
-                if (version := _locked(connection)) != self._revisions[-1]:
+                if (version := _locked(connection)) != self._versions[-1]:
                     raise self._newer(version)
                 yield connection
             self._see_file()
@@ -202,9 +198,9 @@ class Database:
                     Problem("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
                 )
             self._create(campaign)
-        elif version not in self._revisions:
+        elif version not in self._versions:
             raise self._newer(version)
-        elif version != self._revisions[-1]:
+        elif version != self._versions[-1]:
             self._migrate(version)
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
@@ -217,7 +213,7 @@ class Database:
         self.campaign = name
 
     def _newer(self, version: str) -> StoreError:
-        known = f"schema {version}, known up to {self._revisions[-1]}, program {__version__}"
+        known = f"schema {version}, known up to {self._versions[-1]}, program {__version__}"
         message = f"the database was written by a newer seqrsm than this one ({known})"
         return StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
 
@@ -234,29 +230,27 @@ class Database:
                 rows = {"campaign": campaign, "created_at": utc_now(), "created_version": __version__}
                 connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
                 connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
-                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": HEAD})
+                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": self._versions[-1]})
                 if connection.dialect.name == "sqlite":
                     connection.exec_driver_sql(f"PRAGMA application_id = {_APPLICATION_ID}")
 
     def _migrate(self, version: str) -> None:
-        from alembic import command
-        from alembic.config import Config
-
         if self.path is not None:
             if self.read_only:
                 message = f"the database has the older schema {version}, and may not be written"
                 raise StoreError(Problem(message, _RIGHTS, file=self.label))
             with self._engine.connect() as connection:
                 _copy_into(connection, self.path.with_name(f"{self.path.name}.schema-{version}.{_stamp()}.bak"))
-        config = Config()
-        config.set_main_option("script_location", str(self._migrations).replace("%", "%%"))
         with self._engine.connect() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with _unchecked_references(connection), connection.begin():
                 # Another process may have migrated while we waited for the lock.
                 if _locked(connection) == version:
-                    config.attributes["connection"] = connection
-                    command.upgrade(config, self._revisions[-1])
+                    types = _TYPES[connection.dialect.name]
+                    for newer in self._versions[self._versions.index(version) + 1 :]:
+                        for statement in self._migrations[newer]:
+                            connection.exec_driver_sql(statement.format_map(types))
+                    connection.execute(sa.update(_VERSION).values(version_num=self._versions[-1]))
                     _check_references(connection, self.label)
 
     # -- errors ---------------------------------------------------------------------------------------------------
@@ -286,7 +280,11 @@ class Database:
             ) from error
 
 
-_VERSION = sa.table("alembic_version", sa.column("version_num"))
+_VERSION = sa.table("alembic_version", sa.column("version_num"))  # so named when alembic migrated
+_TYPES = {
+    "sqlite": {"key": "INTEGER", "double": "DOUBLE"},
+    "postgresql": {"key": "SERIAL", "double": "DOUBLE PRECISION"},
+}
 _SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
@@ -432,7 +430,7 @@ def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
 
 @contextmanager
 def _unchecked_references(connection: sa.Connection) -> Iterator[None]:
-    """Batch mode drops and renames tables that others refer to; SQLite ignores this switch inside a transaction."""
+    """SQLite changes a table by making it anew, while others refer to it; it heeds this switch before a transaction."""
     raw = connection.connection.driver_connection
     if not isinstance(raw, sqlite3.Connection):
         yield
@@ -455,7 +453,7 @@ def _begin_sqlite(connection: sa.Connection) -> None:
 
 
 def _schema_version(connection: sa.Connection) -> str | None:
-    """Version by plain SQL: alembic costs 0.3 s to import and is needed only to migrate."""
+    """Version of the tables; None where there are none."""
     if not sa.inspect(connection).has_table("alembic_version"):
         if sa.inspect(connection).has_table("runs"):
             raise StoreError(Problem("the database has tables but no schema version", _RESTORE))

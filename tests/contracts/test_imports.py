@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "seqrsm"
-HEAVY = ("numpy", "scipy", "pandas", "numba", "matplotlib", "emcee", "sqlalchemy", "alembic", "pydantic", "jinja2")
+HEAVY = ("numpy", "scipy", "pandas", "numba", "matplotlib", "emcee", "sqlalchemy", "pydantic", "jinja2")
 
 # third-party package -> files that may import it, relative to the package
 HOMES = {
@@ -20,7 +20,6 @@ HOMES = {
     "typer": ("cli/",),
     "rich": ("cli/",),
     "sqlalchemy": ("store/",),
-    "alembic": ("store/",),
     "pydantic": ("spec/",),
     "emcee": ("fit/ensemble",),
     "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels"),
