@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,30 +21,15 @@ from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum, KnowledgeSpec
+from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum
 
 
 def stated_prior(spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel) -> NormalInverseGamma | None:
     """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none."""
-    stated = spec.model.prior
-    if stated is not None:
-        free = np.array([term.kind == "intercept" for term in model.terms])
-        precision = np.where(free, 0.0, (stated.noise_sd / stated.coefficient_sd) ** 2)
-        shape = 0.5 * stated.noise_runs
-        return NormalInverseGamma(np.zeros(model.p), np.diag(precision), shape, shape * stated.noise_sd**2)
-    if application.prior is None or application.prior.utility is None:
+    known = application.prior
+    if known is None or known.utility is None:
         return None
-    return _elicited(spec, application, application.prior, application.prior.utility, model)
-
-
-def _elicited(
-    spec: CampaignSpec,
-    application: ApplicationSpec,
-    known: KnowledgeSpec,
-    utility: Sequence[float],
-    model: QuadraticModel,
-) -> NormalInverseGamma:
-    low, high = utility
+    low, high = known.utility
     repeat_sd = 0.1 * (high - low) if known.repeat_sd is None else known.repeat_sd
     if spec.model.response == "logit":
         middle = min(max(0.5 * (low + high), 1.0), 99.0)

@@ -181,7 +181,7 @@ def _constraint_path(problem: Problem, constraints: Sequence[Constraint]) -> Pat
 def knowledge(
     applications: Sequence[ApplicationSpec | None], factors: Sequence[Factor], model: ModelSpec | None, report: Reporter
 ) -> None:
-    """What ``[application.prior]`` says is possible, and said in one place only."""
+    """What ``[application.prior]`` says is possible."""
     numeric = {factor.name: factor for factor in factors if not isinstance(factor, CategoricalFactor)}
     known_factors = f"The numeric factors are {', '.join(numeric)}." if numeric else "There are none."
     for index, application in enumerate(applications):
@@ -190,8 +190,6 @@ def knowledge(
         prior = application.prior
         path: Path = ("application", index, "prior")
         if prior.utility is not None:
-            if model is not None and model.prior is not None:
-                report.add(path, "there is also a prior in [model]", "Give it in one place only.")
             low, high = prior.utility
             if not low < high or (application.is_percent and not 0.0 <= low < high <= 100.0):
                 remedy = f"Give [low, high]{', between 0 and 100' if application.is_percent else ''}."

@@ -45,10 +45,9 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     p (1 - p) / n at the fitted value, times a factor estimated from the residuals); ``block``: column of measured
     scores that names the block, by default none; one run in four of a batch of flights then links the new block to
     earlier ones; ``block_effect`` ("fixed": a constant for each block; "random": blocks are a sample, predictions are
-    for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``, flat by default, see `PriorSpec`;
-    ``discrepancy_sd``: prior standard deviation of the model discrepancy (flight minus simulation) in every coded
-    first-order coefficient, in score units (half of it for products and squares), by default the standard deviation
-    between worlds if simulations measured it, else the standard deviation of the scores over 5.
+    for a new one); ``discrepancy_sd``: prior standard deviation of the model discrepancy (flight minus simulation) in
+    every coded first-order coefficient, in score units (half of it for products and squares), by default the standard
+    deviation between worlds if simulations measured it, else the standard deviation of the scores over 5.
 ``[simulator]``, omitted for a campaign with measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign folder; ``table`` (none): a CSV file of
     your own sigma0 or emissivity, whose categories replace the built-in ones; ``known_map`` (none): a CSV file with the
@@ -201,7 +200,7 @@ class CampaignSpec:
     def states_prior(self, application: ApplicationSpec) -> bool:
         """Whether something is stated of the coefficients of an application's surface."""
         known = application.prior
-        return self.model.prior is not None or (known is not None and (known.utility is not None or bool(known.effect)))
+        return known is not None and (known.utility is not None or bool(known.effect))
 
     def application(self, name: str) -> ApplicationSpec:
         """The application of this name; SpecError when there is none."""

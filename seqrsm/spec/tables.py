@@ -282,24 +282,6 @@ class CandidateSpec(Table):
     parameters: dict[str, Number | str] = Field(default_factory=dict)
 
 
-class PriorSpec(Table):
-    """Normal-inverse-gamma prior of the coefficients and the noise.
-
-    Attributes
-    ----------
-    coefficient_sd : float
-        Standard deviation of every coded coefficient but the intercept, in score units (of the logit, if fitted).
-    noise_sd : float
-        Prior guess of the noise standard deviation, in the same units.
-    noise_runs : float
-        How many runs that guess is worth.
-    """
-
-    coefficient_sd: PositiveNumber
-    noise_sd: PositiveNumber
-    noise_runs: PositiveNumber
-
-
 class ModelSpec(Table):
     """The response surface; see the module for the meaning of each key."""
 
@@ -309,10 +291,10 @@ class ModelSpec(Table):
     weights: Literal["equal", "se", "counts"] = "equal"
     block: str | None = None
     block_effect: Literal["fixed", "random"] = "fixed"
-    prior: PriorSpec | None = None
     discrepancy_sd: PositiveNumber | None = None
 
     GONE = {
+        "prior": (None, "State what is known as [application.prior]: the range of scores, where the optimum may be."),
         "region": (None, "Remove it, it is no longer needed: departures from the quadratic are part of the model."),
         "terms": ("full", "Remove it: the fit has all terms of the order, no longer those that the scores select."),
     }

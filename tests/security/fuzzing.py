@@ -70,6 +70,10 @@ name = "crops"
 utility = "percent_correct"
 goal = "maximize"
 weight = 1.0
+[application.prior]
+utility = [40.0, 90.0]
+optimum = { frequency = { value = 5.0, doubt = 0.4 } }
+effect = { looks = [0.0, inf] }
 [[application]]
 name = "ice"
 utility = "package.module:function"
@@ -80,7 +84,6 @@ expr = "frequency * 2 + looks"
 order = 2
 response = "logit"
 block = "day"
-prior = { coefficient_sd = 1.0, noise_sd = 2.0, noise_runs = 3.0 }
 [cost]
 flight = 250.0
 [stop]

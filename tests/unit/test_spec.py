@@ -45,13 +45,15 @@ name = "crop-classification"
 utility = "percent_correct"
 goal = "maximize"
 weight = 1.0
+[application.prior]
+utility = [40.0, 90.0]
+repeat_sd = 2.0
 
 [model]
 order = 2
 response = "logit"
 errors = "normal"
 block = "block"
-prior = { coefficient_sd = 10.0, noise_sd = 2.0, noise_runs = 3 }
 
 [simulator]
 engine = "psm"
@@ -112,7 +114,7 @@ def test_the_contract_is_read(load, tmp_path):
     assert application.is_percent
     assert application.score_unit == "percent"
     assert (spec.model.order, spec.model.response, spec.model.block) == (2, "logit", "block")
-    assert spec.model.prior.noise_runs == 3
+    assert (application.prior.utility, application.prior.repeat_runs) == ([40.0, 90.0], 3)
     assert (spec.simulator.engine, spec.simulator.tolerance) == ("psm", 0.5)
     assert spec.simulator.fixed == {"altitude_m": 3000.0, "aperture": "synthetic"}
     assert spec.scene_path == tmp_path / "scene.npz"
@@ -137,7 +139,7 @@ def test_the_least_file_has_the_defaults(load):
     assert spec.simulator is None
     assert spec.scene_path is None
     assert spec.store_url is None
-    assert spec.model.prior is None
+    assert spec.applications[0].prior is None
     assert (spec.model.order, spec.model.response, spec.model.errors, spec.model.block) == (
         2,
         "identity",
@@ -165,7 +167,7 @@ def test_mark_and_line_ends_of_other_editors(load):
 
 def test_keys_that_came_later_leave_the_hash_of_earlier_campaigns_alone(load):
     # As version 0.1 of 2026-11-21 wrote it into exports, which only a specification of this hash takes in again.
-    before = "85cf2a7ba644b4645c193c86e0376ffacb6a099cc0a5a14079d270cf907773f6"
+    before = "f89d99354158caff92f0fae0dc878a60c246d5c050638bb4743b1d1a932cce2a"
     assert load(GOOD).spec_hash == before
     assert load(GOOD.replace("[stop]\n", '[stop]\nworlds = "count"\n')).spec_hash == before
     assert load(GOOD.replace("[stop]\n", '[stop]\nworlds = "ignore"\n')).spec_hash != before
@@ -238,9 +240,21 @@ FAULTS = [
     ("weight = 1.0", "weight = 0", "weight = 0", "application 'crop-classification': weight", "greater than 0"),
     ("order = 2", "order = 3", "order = 3", "[model] order", "1 or 2"),
     ("order = 2", "order = true", "order = true", "[model] order", "1 or 2"),
-    ("prior = {", 'prior = "flat" # {', "prior =", "[model] prior", "[model.prior]"),
-    ("noise_sd = 2.0", "noise_sd = 0", "prior = {", "[model] prior.noise_sd", "greater than 0"),
-    ("noise_sd = 2.0, ", "", "prior = {", "[model] prior.noise_sd", "missing"),
+    ("[model]\n", "[model]\nprior = { noise_sd = 2.0 }\n", "prior = {", "[model] prior", "[application.prior]"),
+    (
+        "repeat_sd = 2.0",
+        "repeat_sd = 0",
+        "repeat_sd = 0",
+        "application 'crop-classification': prior.repeat_sd",
+        "greater than 0",
+    ),
+    (
+        "utility = [40.0, 90.0]\n",
+        "",
+        "[application.prior]",
+        "application 'crop-classification': prior",
+        "Give utility = [low, high]",
+    ),
     ('"scene.npz"', '"absent.npz"', 'scene = "absent.npz"', "[simulator] scene", "no such file"),
     ('engine = "psm"', 'engine = "pms"', 'engine = "pms"', "[simulator] engine", 'Did you mean "psm"'),
     ("altitude_m = 3000.0", "altitude_m = true", "altitude_m = true", "[simulator] fixed.altitude_m", "number"),
