@@ -11,11 +11,7 @@ from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.ground import Ground, sds_of_levels
 from seqrsm.analysis.optimism import optimism
-from seqrsm.analysis.posterior import (
-    draw_coefficients,
-    effects_left_out,
-    summarise_posterior,
-)
+from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale

@@ -9,14 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
 from seqrsm.analysis.ground import Ground, prior_of_difference
-from seqrsm.analysis.runs import (
-    LISTED_RUNS,
-    ScoredRuns,
-    block_labels,
-    response_scale,
-    scored_runs,
-    setting_ids,
-)
+from seqrsm.analysis.runs import LISTED_RUNS, ScoredRuns, block_labels, response_scale, scored_runs, setting_ids
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.design.factors import settings_text

@@ -13,11 +13,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.random import Generator
 
-from seqrsm.analysis.runs import (
-    ScoredRuns,
-    block_labels,
-    counts_of,
-)
+from seqrsm.analysis.runs import ScoredRuns, block_labels, counts_of
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import SourceFit, discrepancy_sd, fit_sources, source_prior, to_flight

@@ -22,14 +22,7 @@ from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 from seqrsm.score.table import TableText, table_text
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import (
-    IngestedFile,
-    IngestedRun,
-    IngestOutcome,
-    NewScore,
-    RankingSummary,
-    Settings,
-)
+from seqrsm.store.records import IngestedFile, IngestedRun, IngestOutcome, NewScore, RankingSummary, Settings
 from seqrsm.store.store import Store
 
 if TYPE_CHECKING:

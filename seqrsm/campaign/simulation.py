@@ -12,15 +12,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
-from seqrsm.campaign.engines import (
-    ENGINES,
-    Image,
-    Sensor,
-    Settings,
-    check_utility,
-    loaded,
-    score_by,
-)
+from seqrsm.campaign.engines import ENGINES, Image, Sensor, Settings, check_utility, loaded, score_by
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located

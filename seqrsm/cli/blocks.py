@@ -5,17 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from seqrsm.cli.console import heading, line, show_table
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Code,
-    Definitions,
-    Details,
-    KeyFigures,
-    Paragraph,
-    Section,
-    Table,
-)
+from seqrsm.report.blocks import Block, Bullets, Code, Definitions, Details, KeyFigures, Paragraph, Section, Table
 
 _RULED = (Table, KeyFigures, Definitions)
 

@@ -8,11 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.evaluate import (
-    inestimable_terms,
-    largest_variance,
-    region_moments,
-)
+from seqrsm.design.evaluate import inestimable_terms, largest_variance, region_moments
 from seqrsm.design.exchange import Task, search_candidates, search_region
 from seqrsm.design.minimax import search_minimax
 from seqrsm.design.quadratic import QuadraticModel

@@ -25,12 +25,7 @@ from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
-from seqrsm.fit.target import (
-    GeneralModel,
-    Target,
-    build_target,
-    general_target,
-)
+from seqrsm.fit.target import GeneralModel, Target, build_target, general_target
 from seqrsm.progress import tell
 
 _FIRST_BLOCK = 200

@@ -21,12 +21,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import canopy_share, season_depth
 from seqrsm.scattering.curves import THETA_DEG, shares_of
-from seqrsm.scattering.emissivity_curves import (
-    POLARIZATIONS,
-    EmissivityCurve,
-    between_nodes,
-    read_curves,
-)
+from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, between_nodes, read_curves
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, shipped_rows, unknown_cover

@@ -20,14 +20,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import Course, course, level_days, on_day, share_of_c
-from seqrsm.scattering.curves import (
-    THETA_DEG,
-    Curve,
-    limit_db,
-    moisture_change_db,
-    shipped_curves,
-    weakest,
-)
+from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, shipped_curves, weakest
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import POLARIZATIONS, Row, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow

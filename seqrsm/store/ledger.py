@@ -12,14 +12,7 @@ from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain, shallow
 from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
-from seqrsm.store.records import (
-    CONFIRMATION,
-    WAITING,
-    NewRun,
-    NewScore,
-    RunRecord,
-    ScoreRecord,
-)
+from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 
 _RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")

@@ -37,11 +37,7 @@ from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import echo, psm  # noqa: E402
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
 from seqrsm.simulate.radar.frame import make_frame  # noqa: E402
-from seqrsm.simulate.radar.occasion import (  # noqa: E402
-    draw_occasion,
-    look_up,
-    nominal_ground_state,
-)
+from seqrsm.simulate.radar.occasion import draw_occasion, look_up, nominal_ground_state  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 from seqrsm.simulate.radar.receiver import picture  # noqa: E402
 from seqrsm.simulate.visits import ONCE  # noqa: E402

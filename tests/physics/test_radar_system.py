@@ -11,12 +11,7 @@ from scipy import stats
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.sensor.antenna import atmosphere_factor, elevation_gain
-from seqrsm.sensor.earth import (
-    ground_range_of_look,
-    horizon_ground_range_m,
-    range_geometry,
-    slant_range_of_ground,
-)
+from seqrsm.sensor.earth import ground_range_of_look, horizon_ground_range_m, range_geometry, slant_range_of_ground
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, in_threads

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.scattering.curves import limit_db, moisture_change_db
-from seqrsm.scattering.models import (
-    backscatter_layer_ulaby14,
-    backscatter_oh04,
-    backscatter_oh92,
-    reflectivity_fresnel,
-)
+from seqrsm.scattering.models import backscatter_layer_ulaby14, backscatter_oh04, backscatter_oh92, reflectivity_fresnel
 from seqrsm.scattering.sigma0 import load_sigma0_table
 
 TABLE = load_sigma0_table()

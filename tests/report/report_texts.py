@@ -8,16 +8,7 @@ from html.parser import HTMLParser
 
 from pypdf import PdfReader
 
-from seqrsm.report.blocks import (
-    Bullets,
-    Code,
-    Definitions,
-    Details,
-    FigureBlock,
-    KeyFigures,
-    Paragraph,
-    Table,
-)
+from seqrsm.report.blocks import Bullets, Code, Definitions, Details, FigureBlock, KeyFigures, Paragraph, Table
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 

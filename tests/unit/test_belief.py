@@ -12,13 +12,7 @@ from process_cases import bowl, hill, spread
 from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
-from seqrsm.analysis.belief import (
-    PRIOR_LOG_ODDS,
-    Belief,
-    _mixture_quantile,
-    intervals_by_draws,
-    mixed_quantiles,
-)
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients

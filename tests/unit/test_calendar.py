@@ -19,14 +19,7 @@ from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_occasion, look_up
-from seqrsm.simulate.visits import (
-    Visit,
-    deviates,
-    field_shift_days,
-    half_lasting,
-    moisture_share,
-    year_shift_days,
-)
+from seqrsm.simulate.visits import Visit, deviates, field_shift_days, half_lasting, moisture_share, year_shift_days
 
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 TABLE = load_sigma0_table()

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.design.factors import (
-    CategoricalFactor,
-    ContinuousFactor,
-    DiscreteFactor,
-    plain_setting,
-    setting_text,
-)
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, plain_setting, setting_text
 from seqrsm.design.region import Region
 from seqrsm.errors import RegionError
 

@@ -14,13 +14,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum_draws
-from seqrsm.fit.rank_one import (
-    downdate,
-    information_gain,
-    is_reserved_run,
-    linear_gain,
-    optimum_targets,
-)
+from seqrsm.fit.rank_one import downdate, information_gain, is_reserved_run, linear_gain, optimum_targets
 from seqrsm.propose import criteria
 from seqrsm.propose.batch import propose_batch
 from seqrsm.propose.candidates import Search, Source

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.constants import COSMIC_BACKGROUND_K
-from seqrsm.scattering.atmosphere import (
-    Atmosphere,
-    _regression,
-    cloud_db_per_kg_m2,
-    make_atmosphere,
-    rain_db_km,
-)
+from seqrsm.scattering.atmosphere import Atmosphere, _regression, cloud_db_per_kg_m2, make_atmosphere, rain_db_km
 from seqrsm.scattering.readers import numbers_of, shipped_rows
 from seqrsm.sensor.parameters import RADIOMETER
 

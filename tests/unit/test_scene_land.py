@@ -8,13 +8,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from seqrsm.errors import SceneError
-from seqrsm.scene.fields import (
-    _mix,
-    connected_patches,
-    draw_index,
-    hash_uniform,
-    voronoi_labels,
-)
+from seqrsm.scene.fields import _mix, connected_patches, draw_index, hash_uniform, voronoi_labels
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.scene.synthetic import synthetic_scene

@@ -6,18 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Cell,
-    FigureBlock,
-    Head,
-    PanelData,
-    Paragraph,
-    Section,
-    right,
-    table,
-)
+from seqrsm.report.blocks import Block, Bullets, Cell, FigureBlock, Head, PanelData, Paragraph, Section, right, table
 from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_range, format_share, format_significant
 from seqrsm.report.wording import level_text, listing, number_cell, slug, with_unit

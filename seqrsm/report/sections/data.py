@@ -8,18 +8,7 @@ from collections.abc import Sequence
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Cell,
-    Column,
-    Details,
-    Paragraph,
-    Section,
-    Table,
-    right,
-    table,
-)
+from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, Paragraph, Section, Table, right, table
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,

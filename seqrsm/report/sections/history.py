@@ -7,16 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.report.blocks import (
-    Details,
-    Entry,
-    FigureBlock,
-    Head,
-    Section,
-    Table,
-    right,
-    table,
-)
+from seqrsm.report.blocks import Details, Entry, FigureBlock, Head, Section, Table, right, table
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.fit import Look, look_data, paint_half_widths, paint_mean_history, read_looks
 from seqrsm.report.rounding import format_plain, format_significant

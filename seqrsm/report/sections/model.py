@@ -29,10 +29,7 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.fit import (
-    residual_data,
-    residual_paints,
-)
+from seqrsm.report.figures.fit import residual_data, residual_paints
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
     decimals_for,

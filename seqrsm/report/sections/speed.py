@@ -8,16 +8,7 @@ from typing import Any
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.status import simulated_by
 from seqrsm.campaign.tradeoff import COARSENED
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Cell,
-    Head,
-    Paragraph,
-    Section,
-    right,
-    table,
-)
+from seqrsm.report.blocks import Block, Bullets, Cell, Head, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_number, format_plain, format_significant
 from seqrsm.report.wording import ground_name, listing, number_cell, significant_cell, whole_cell, with_unit
 

@@ -8,17 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    KeyFigure,
-    KeyFigures,
-    Paragraph,
-    Section,
-    Table,
-    right,
-    table,
-)
+from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import format_p, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary

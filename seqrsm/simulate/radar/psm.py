@@ -35,12 +35,7 @@ from seqrsm.simulate.radar.echo import (
 )
 from seqrsm.simulate.radar.fading import correlated_fading, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
-from seqrsm.simulate.radar.occasion import (
-    Occasion,
-    draw_ground_state,
-    look_up,
-    met_occasion,
-)
+from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up, met_occasion
 from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
