@@ -128,6 +128,20 @@ def test_bare_soil_is_brighter_at_vv_than_at_hh() -> None:
     assert db("Bareground", 5.4, "HV", 38.0) == pytest.approx(-19.74, abs=2.0)
 
 
+def test_bare_soil_lies_as_near_to_i2em_as_its_error_says() -> None:
+    """Oh 2004 knows no correlation length: over those of fields (8 to 20 cm) and L to X band, as far as stated."""
+    off = []
+    with open(Path(__file__).parent / "data" / "i2em_soil.csv", encoding="utf-8") as stream:
+        for row in csv.DictReader(line for line in stream if line[0] != "#"):
+            for channel in ("HH", "VV"):
+                found = TABLE.lookup(("Bareground",), float(row["frequency_ghz"]), channel)
+                own = 10.0 * np.log10(found.sigma0[0, int(row["theta_deg"])])
+                off.append((own - float(row[f"{channel.lower()}_db"])) / found.mean_sd_db[0])
+    assert len(off) == 96
+    assert np.sqrt(np.mean(np.square(off))) < 1.2
+    assert np.mean(np.abs(off) < 2.0) > 0.9
+
+
 def test_the_class_regressions_hold_at_c_band_and_not_at_l_band() -> None:
     """What moving them by measured levels rests on: at C band Sentinel-1 says the same within 2.5 dB."""
     known = measured()
