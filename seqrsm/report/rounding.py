@@ -50,7 +50,7 @@ def decimals_of_significant(value: float, digits: int = 3) -> int:
     """Return the decimal places that show ``digits`` significant digits of a value."""
     if not math.isfinite(value) or value == 0.0:
         return max(digits - 1, 0)
-    return digits - 1 - math.floor(math.log10(abs(value)))
+    return digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])  # of the rounded value: 9.96 is 10 in two
 
 
 def format_number(value: float, decimals: int = 2) -> str:

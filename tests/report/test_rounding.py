@@ -81,5 +81,6 @@ def test_powers_of_ten_where_plain_digits_are_long():
     assert format_number(1.234e-9, 11) == "1.23 × 10⁻⁹"
     assert format_number(-1.234e9, -7) == MINUS + "1.23 × 10⁹"
     assert format_significant(1234.5, 2) == "1200"
+    assert [format_significant(x, 2) for x in (9.96, 9.94, 0.0996, -99.6)] == ["10", "9.9", "0.10", "\u2212100"]
     assert format_plain(1e-9) == "1 × 10⁻⁹"
     assert format_plain(0.1) == "0.1"
