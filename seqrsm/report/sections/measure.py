@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from seqrsm.analysis.ground import RANKED, ranked_values
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
-from seqrsm.report.rounding import decimals_of_significant, format_change, format_significant
+from seqrsm.report.rounding import decimals_of_significant, format_change, format_number, format_significant
 from seqrsm.report.wording import half_width_text, score_decimals
 from seqrsm.store.records import EventRecord
 
@@ -33,33 +33,35 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     values = ranked_values(found[-1]["values"])
     total = best.whole.half_width
 
-    def with_less(share: float) -> str:
+    def with_less(share: float) -> float:
         """Half-width where a share of the ground's variance is gone."""
-        return half_width_text(analysis, math.sqrt(max(total**2 - share * best.of_ground**2, 0.0)))
+        return math.sqrt(max(total**2 - share * best.of_ground**2, 0.0))
 
     largest = max(max(abs(value["up"]), abs(value["down"])) for value in values)
     unit, places = found[-1]["unit"], max(score_decimals(analysis), decimals_of_significant(largest, 2), 0)
+    halved = [with_less(0.75 * value["share"]) for value in values[:_SHOWN]]
+    digits = max(decimals_of_significant(width, 2) for width in halved)
     rows = tuple(
         (
             value["category"],
             f"\u00b1 {format_significant(value['mean_sd'], 2)}{f' {unit}' if unit else ''}",
             f"{format_change(value['up'], places)} / {format_change(value['down'], places)}",
             f"{100.0 * value['share']:.0f} %",
-            with_less(0.75 * value["share"]),
+            format_number(width, digits),
         )
-        for value in values[:_SHOWN]
+        for value, width in zip(values, halved, strict=False)
     )
     columns = (
         "Cover",
         right("Mean, s.d."),
         right("Score change, +1 / \u22121 s.d."),
         right("Share"),
-        right("Half-width if halved"),
+        right("Half-width if halved", analysis.score_unit),
     )
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     head = (
         f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
-        f"{with_less(of_ground / (of_ground + chance))}."
+        f"{half_width_text(analysis, with_less(of_ground / (of_ground + chance)))}."
     )
     how = (
         " For each cover: the change of the score at the recommended settings when its tabulated mean is one standard "
