@@ -142,6 +142,20 @@ def test_bare_soil_lies_as_near_to_i2em_as_its_error_says() -> None:
     assert np.mean(np.abs(off) < 2.0) > 0.9
 
 
+def test_crops_of_a_site_that_no_level_rests_on_lie_as_near_as_their_error_says() -> None:
+    """C band, full canopies of mid-July: seven means, of which twice the stated error should hold all."""
+    covers = {"soybean": "Vegetables", "wheat": "Wheat", "corn": "Corn"}
+    off = []
+    with open(Path(__file__).parent / "data" / "c_band_canopies.csv", encoding="utf-8") as stream:
+        for row in csv.DictReader(line for line in stream if line[0] != "#"):
+            found = TABLE.lookup((covers[row["crop"]],), 5.4, row["polarization"], day=196)
+            own = 10.0 * np.log10(found.sigma0[0, int(row["theta_deg"])])
+            off.append((own - float(row["sigma0_db"])) / found.mean_sd_db[0])
+    assert len(off) == 7
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
+    assert np.max(np.abs(off)) < 2.3
+
+
 def test_the_class_regressions_hold_at_c_band_and_not_at_l_band() -> None:
     """What moving them by measured levels rests on: at C band Sentinel-1 says the same within 2.5 dB."""
     known = measured()
