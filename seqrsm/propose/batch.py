@@ -8,7 +8,6 @@ import numpy as np
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.rank_one import is_reserved_run
 from seqrsm.progress import tell
 from seqrsm.propose.candidates import Search, Source
 from seqrsm.propose.criteria import MakeCriterion, Optimum, Proposal, Testing, Tie
@@ -92,8 +91,9 @@ def _whose_turn(shares: Sequence[float], n_before: int) -> int:
     """
     left = 1.0
     for place, share in enumerate(shares[:-1]):
-        if is_reserved_run(n_before, share / left):
+        before, after = (int(np.floor(n * (share / left) + 1e-9)) for n in (n_before, n_before + 1))
+        if after > before:
             return place
-        n_before -= int(np.floor(n_before * share / left + 1e-9))
+        n_before -= before
         left -= share
     return len(shares) - 1

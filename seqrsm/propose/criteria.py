@@ -9,7 +9,6 @@ from typing import Literal, Protocol
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.rank_one import information_gain, linear_gain
 from seqrsm.propose.candidates import Choice, Search
 from seqrsm.propose.known import Known, percent
 
@@ -89,8 +88,9 @@ class _Variance(Greedy):
         raise NotImplementedError
 
     def gain(self, rows: FloatArray) -> FloatArray:
-        """Drop of the variance, in units of sigma squared."""
-        return linear_gain(self.known.C, self._W, rows, self.known.weight)
+        """Drop ``z'CWCz / (1/w + z'Cz)`` of the variance, in units of sigma squared."""
+        CZ = rows @ self.known.C
+        return np.asarray(np.sum((CZ @ self._W) * CZ, axis=1) / (1.0 / self.known.weight + np.sum(CZ * rows, axis=1)))
 
     def _share(self, choice: Choice) -> str:
         """Share of the variance that a run takes away; 0 where there is none left."""
@@ -139,8 +139,8 @@ class Spread(Greedy):
     among = "new"
 
     def gain(self, rows: FloatArray) -> FloatArray:
-        """Information on all coefficients together [nats]."""
-        return information_gain(self.known.C, rows, self.known.weight)
+        """Information ``1/2 log(1 + w z'Cz)`` on all coefficients together [nats]."""
+        return np.asarray(0.5 * np.log1p(self.known.weight * np.sum((rows @ self.known.C) * rows, axis=1)))
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         se = self.known.standard_error(choice.row)

@@ -1,4 +1,9 @@
-"""What is known before the next run: of the coefficients, and of the optimum that is sought."""
+"""What is known before the next run: of the coefficients, and of the optimum that is sought.
+
+With C the unscaled covariance of the coefficients, a run with model row z and relative weight w lowers the variance of
+every contrast ``l'beta`` by ``(l'Cz)^2 / (1/w + z'Cz)`` (in units of sigma squared). Scores do not enter, so a batch is
+built run by run, and runs that are still pending count like scored ones.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,6 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.rank_one import downdate, optimum_targets
 
 Rows = Callable[[FloatArray], FloatArray]
 """Model rows (n, p) of coded points (n, k)."""
@@ -81,7 +85,7 @@ class Known:
     x_hat, targets : ndarray (k,), (m, k)
         Where the optimum is, as estimated and by at most 128 posterior draws.
     value, regret : ndarray (p, p)
-        See :func:`seqrsm.fit.rank_one.optimum_targets`.
+        See `optimum_targets`.
     df_pure_error : int
         With the repeats taken.
     """
@@ -159,3 +163,27 @@ def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatA
         M = M + _WEAK_PRECISION * np.eye(len(M))
     C = np.linalg.inv(M)
     return np.asarray(0.5 * (C + C.T))
+
+
+def downdate(C: FloatArray, z: FloatArray, weight: float = 1.0) -> FloatArray:
+    """Unscaled covariance (p, p) after one more run with row z (p,) and a weight (Sherman-Morrison); symmetric."""
+    Cz = C @ z
+    return np.asarray(C - np.outer(Cz, Cz) / (1.0 / weight + np.sum(z * Cz)))
+
+
+def optimum_targets(z_hat: FloatArray, z_star: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Matrices W (p, p) of the default criterion: half the value at the optimum, half the expected regret.
+
+    Both halves are variances of scores, so they are added as they are: ``trace(W_value C)`` is the mean variance of the
+    estimated response at the optimum, where it seems to be (one half) and where posterior draws put it (the other), and
+    ``trace(W_regret C)`` that of the difference between the two places, which is what choosing wrongly costs.
+
+    Parameters
+    ----------
+    z_hat, z_star : ndarray (p,), (s, p)
+        Model rows at the estimated optimum, and at the optima of s posterior draws.
+    """
+    s = max(len(z_star), 1)
+    spread = z_star - z_hat
+    draws = z_star.T @ z_star / s
+    return np.asarray(0.25 * np.outer(z_hat, z_hat) + 0.25 * draws), np.asarray(0.5 * spread.T @ spread / s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,11 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum_draws
-from seqrsm.fit.rank_one import downdate, information_gain, is_reserved_run, linear_gain, optimum_targets
 from seqrsm.propose import criteria
 from seqrsm.propose.batch import propose_batch
 from seqrsm.propose.candidates import Search, Source
 from seqrsm.propose.criteria import Optimum, Proposal, Spread
-from seqrsm.propose.known import Evidence, Sought, unscaled_covariance
+from seqrsm.propose.known import Evidence, Sought, downdate, optimum_targets, unscaled_covariance
 
 RNG_SEED = 11
 
@@ -72,6 +72,14 @@ def covariance(Z: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.linalg.inv(Z.T @ (weights[:, None] * Z))
 
 
+def linear_gain(C: np.ndarray, W: np.ndarray, Z: np.ndarray, weight: float = 1.0) -> np.ndarray:
+    return Optimum(SimpleNamespace(C=C, value=W, regret=0.0 * W, weight=weight), 1).gain(Z)
+
+
+def information_gain(C: np.ndarray, Z: np.ndarray, weight: float = 1.0) -> np.ndarray:
+    return Spread(SimpleNamespace(C=C, weight=weight), 1).gain(Z)
+
+
 def test_rank_one_gain_is_the_drop_of_the_variance() -> None:
     data = campaign()
     rng = np.random.default_rng(1)
@@ -85,15 +93,6 @@ def test_rank_one_gain_is_the_drop_of_the_variance() -> None:
         assert linear_gain(C, W, z[None, :], w)[0] == pytest.approx(row @ C @ row - row @ after @ row, rel=1e-9)
         information = 0.5 * (np.linalg.slogdet(C)[1] - np.linalg.slogdet(after)[1])
         assert information_gain(C, z[None, :], w)[0] == pytest.approx(information, rel=1e-8)
-
-
-def test_downdate_works_on_many_campaigns_at_once() -> None:
-    rng = np.random.default_rng(2)
-    A = rng.normal(size=(5, 4, 4))
-    C, z = A @ A.transpose(0, 2, 1), rng.normal(size=(5, 4))
-    together = downdate(C, z)
-    for i in range(5):
-        np.testing.assert_allclose(together[i], downdate(C[i], z[i]))
 
 
 def test_target_matrices_are_the_mean_variances_they_stand_for() -> None:
@@ -154,11 +153,6 @@ def test_share_is_kept_for_single_proposals_too() -> None:
         data["points_done"] = np.vstack([data["points_done"], proposal.point])
         data["df_pure_error"] += proposal.repeats
     assert sum(p in ("repeat", "spread") for p in found) == 3
-
-
-@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.25, 25), (1 / 3, 33), (1.0, 100)])
-def test_reserved_runs_are_the_share(share: float, expected: int) -> None:
-    assert sum(is_reserved_run(i, share) for i in range(100)) == expected
 
 
 @pytest.mark.parametrize(
