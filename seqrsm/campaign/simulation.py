@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,7 @@ def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acq
     ]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SimulationTask:
     """One simulated run, complete in itself, so that any process on any machine can carry it out.
 
@@ -151,7 +152,7 @@ class SimulationTask:
     world: int | tuple[str, float] | None = None
     known_map: str = ""
 
-    @property
+    @cached_property
     def acquisitions(self) -> tuple[Acquisition, ...]:
         """The images that the run makes.
 

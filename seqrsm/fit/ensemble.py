@@ -12,12 +12,12 @@ Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import emcee
 import numpy as np
 
 from seqrsm.arrays import FloatArray
@@ -27,6 +27,15 @@ from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import GeneralModel, Target, build_target, general_target
 from seqrsm.progress import tell
+
+# scipy.stats takes longer to load than a campaign's posterior to sample: emcee has one move, not used here, that wants
+# it, and does without where it cannot be imported.
+if not (loaded := "scipy.stats" in sys.modules):
+    sys.modules["scipy.stats"] = None  # type: ignore[assignment]
+import emcee
+
+if not loaded:
+    del sys.modules["scipy.stats"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -250,8 +250,7 @@ class Sigma0Table:
         return self.variability.get((category, channel), assumed)
 
 
-@dataclass(frozen=True, slots=True)
-class _State:
+class _State(NamedTuple):
     """What a look-up asks of a curve."""
 
     frequency_ghz: float
@@ -275,9 +274,9 @@ class _Found:
 def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway | None) -> _Found:
     """One curve at one state."""
     if curve.wind_m_s.size == 1:
-        state = replace(state, wind_m_s=0.0)
+        state = state._replace(wind_m_s=0.0)
     if curve.soil_rms_height_m is None:
-        state = replace(state, soil_moisture=0.0)
+        state = state._replace(soil_moisture=0.0)
     values, sds, statuses, notes = _of_all_channels(curve, state)
     c = POLARIZATIONS.index(channel)
     at_channel, sd = values[c], sds[c]

@@ -101,7 +101,7 @@ class World:
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        return float(np.exp(_FIELD_LOG_SD * generator(self.seed, self.number, f"world fields {category}").normal()))
+        return _field_factor(self.seed, self.number, category)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +146,18 @@ def _anchored(level_days: FloatArray) -> tuple[FloatArray, float]:
     return np.sqrt(variance), math.sqrt(variance.mean())
 
 
+@lru_cache(maxsize=256)  # of several channels
+def _field_factor(seed: int, number: int, category: str) -> float:
+    return float(np.exp(_FIELD_LOG_SD * generator(seed, number, f"world fields {category}").normal()))
+
+
 @lru_cache(maxsize=1024)  # of several dates, and of covers, which share some of them
 def _part(seed: int, number: int, name: str, frequency_ghz: float, channel: str, harmonic: int) -> FloatArray:
     """Standard normal deviate of a world: a harmonic of the year by days (365,), or with 0 by incidence angle (91,)."""
     phase, name = (harmonic * _YEAR, f"season {harmonic} {name}") if harmonic else (_TURN, name)
-    deviate = _deviates(seed, number, name)
-    node = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
+    node = min(max(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0), _NODES - 1.001)
     lower, share = int(node), node % 1.0
+    deviate = _deviates(seed, number, name, lower + 2)
     size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
     here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
     turned = here[:, 0, None] * np.cos(phase) + here[:, 1, None] * np.sin(phase)
@@ -167,10 +172,10 @@ def _part(seed: int, number: int, name: str, frequency_ghz: float, channel: str,
 
 
 @lru_cache(maxsize=512)
-def _deviates(seed: int, number: int, name: str) -> FloatArray:
-    """Standard normal chain over frequencies, (nodes, parts, 2)."""
-    draws = generator(seed, number, f"world {name}").standard_normal((_NODES, len(_PARTS), 2))
-    for k in range(1, _NODES):
+def _deviates(seed: int, number: int, name: str, nodes: int) -> FloatArray:
+    """Standard normal chain over the first frequencies, (nodes, parts, 2)."""
+    draws = generator(seed, number, f"world {name}").standard_normal((nodes, len(_PARTS), 2))
+    for k in range(1, nodes):
         draws[k] = _NEAR * draws[k - 1] + math.sqrt(1.0 - _NEAR**2) * draws[k]
     return draws
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import ndimage, special
@@ -211,6 +212,20 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
     taught in one half and tested in the other. A field larger than a tile is divided by the tiles.
     """
     side = tile_m or default_tile_m(image, scene)
+    kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
+    if (scene, side) not in kept:
+        kept.clear()
+        kept[scene, side] = _ground_in_pixels(image, scene, side)
+    found = kept[scene, side]
+    return replace(found, keys=generator(seed, run_id, "training tiles").random(len(found.keys)))
+
+
+_known_ground: WeakKeyDictionary[Callable[[], AnyArray], dict[tuple[Scene, float], Pixels]] = WeakKeyDictionary()
+"""By the registration that all occasions of a radar share: what `_ground_in_pixels` gave last."""
+
+
+def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
+    """As `pixels_of`, with tiles of a side [m]; all keys are 0."""
     if isinstance(image, RadarImage):
         _, n_rows, n_columns = image.intensity.shape
         pixel = image.pixel_of_cell
@@ -232,9 +247,9 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
         along = np.asarray((np.arange(n_columns) + 0.5) * scan.advance_m, dtype=np.float64)
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
-    tile, keys = tiles(across, along, extent, side, seed=seed, run_id=run_id)
+    tile, n_tiles = tiles(across, along, extent, side)
     _keep_fields_whole(field, _is_small(scene, side), tile)
-    return Pixels(pixel, counts, field, tile, keys)
+    return Pixels(pixel, counts, field, tile, np.zeros(n_tiles))
 
 
 def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:
@@ -435,9 +450,9 @@ def _fill_unseen(layers: FloatArray, used: AnyArray) -> None:
 
 
 def tiles(
-    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float, *, seed: int, run_id: int
-) -> tuple[IntArray, FloatArray]:
-    """Square tile of ground that each pixel belongs to, and the key by which the tiles are split into halves.
+    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float
+) -> tuple[IntArray, int]:
+    """Square tile of ground that each pixel belongs to, and how many there are.
 
     Parameters
     ----------
@@ -447,17 +462,16 @@ def tiles(
         Largest value of either in the whole image [m].
     tile_m : float
         Side of a tile [m].
-    seed, run_id : int
 
     Returns
     -------
     tile : int64 array (rows * columns,)
-    keys : float64 array (n_tiles,)
+    n_tiles : int
     """
     wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
     away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
     ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
-    return np.ravel(away * long + ahead), generator(seed, run_id, "training tiles").random(wide * long)
+    return np.ravel(away * long + ahead), wide * long
 
 
 def across_of_look(look_rad: FloatArray, height_m: float, half_m: float) -> FloatArray:

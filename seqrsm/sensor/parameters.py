@@ -104,21 +104,20 @@ class Parameter:
 
     def problem(self, value: object) -> Problem | None:
         """What makes a value of the field's type impossible, whatever the other parameters are; None: nothing."""
-        remedy = f"Give {self.allowed}"
         if self.numeric:
             number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
             if not self.low <= number <= self.high:
-                return Problem("out of range", f"{remedy}: {self.what}", field=self.name, value=value)
+                return Problem("out of range", f"Give {self.allowed}: {self.what}", field=self.name, value=value)
             if (self.kind == "whole" and number != round(number)) or (self.values and number not in self.values):
-                return Problem("not one of its values", remedy, field=self.name, value=value)
+                return Problem("not one of its values", f"Give {self.allowed}", field=self.name, value=value)
         if self.kind == "channels":
             known = isinstance(value, tuple) and bool(value) and len(set(value)) == len(value)
             if not known or not set(value) <= set(self.levels):  # type: ignore[call-overload]
                 written = "+".join(map(str, value)) if isinstance(value, tuple) else value
-                return Problem("not a set of channels", remedy, field=self.name, value=written)
+                return Problem("not a set of channels", f"Give {self.allowed}", field=self.name, value=written)
         elif self.kind == "function":
             if value and value not in self.levels and ":" not in str(value):
-                return Problem("unknown", remedy, field=self.name, value=value)
+                return Problem("unknown", f"Give {self.allowed}", field=self.name, value=value)
         elif self.levels and value not in self.levels:
             return Problem("unknown", f"Known: {self.allowed}", field=self.name, value=value)
         return None

@@ -30,7 +30,7 @@ HOMES = {
 
 
 def loaded_by(code: str) -> set[str]:
-    script = f"import sys\n{code}\nprint()\nprint(','.join(sorted({{m.split('.')[0] for m in sys.modules}})))"
+    script = f"import sys\n{code}\nprint()\nprint(','.join(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     return set(done.stdout.strip().splitlines()[-1].split(","))
 
@@ -52,6 +52,12 @@ def test_fit_and_status_load_no_engine() -> None:
     found = loaded_by("import seqrsm.campaign.campaign, seqrsm.analysis.to_json, seqrsm.cli.show_fit")
     assert "sqlalchemy" in found
     assert not found & {"numba", "matplotlib", "jinja2", "typst"}
+
+
+def test_sampling_loads_no_part_of_scipy_that_it_does_not_use() -> None:
+    assert "scipy.stats" not in loaded_by("import seqrsm.fit.ensemble, seqrsm.campaign.loop, seqrsm.cli.show_fit")
+    assert "scipy.stats" in loaded_by("import seqrsm.fit.ensemble, scipy.stats; scipy.stats.norm.cdf(0.0)")
+    assert "scipy.stats" in loaded_by("import scipy.stats, seqrsm.fit.ensemble, emcee; emcee.moves.KDEMove()")
 
 
 def test_blas_of_the_command_line_keeps_to_one_thread_unless_told() -> None:

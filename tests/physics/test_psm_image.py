@@ -11,6 +11,7 @@ from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scene.layers import fill_gaps
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
@@ -224,6 +225,30 @@ def test_the_same_run_has_the_same_bits_and_another_run_has_others():
     assert a.occasion.soil_moisture == b.occasion.soil_moisture != c.occasion.soil_moisture
     assert (a.intensity != c.intensity).mean() > 0.99
     assert not np.array_equal(a.mean_power, c.mean_power)
+
+
+def test_occasions_that_share_a_geometry_score_as_each_alone():
+    """Runs one after another share what lies in their pixels; another scene, mask or radar between makes it anew."""
+    rng = np.random.default_rng(3)
+    s = scene(rough(80, 60, 0.3), cover=rng.integers(0, 3, (80, 60)))
+    masked = dataclasses.replace(s, scored=rng.random((80, 60)) < 0.5)
+    table = Table((-8.0, -12.0, -16.0), 0.1, field_sd_db=1.0)
+    fine, coarse = radar(), radar(resolution_m=13.0)
+
+    def score(s, r, k):
+        return percent_correct([simulate_radar(s, r, table, seed=5, run_id=k)], s, seed=5, run_id=k)
+
+    cases = [(s, fine, 1), (s, fine, 2), (masked, fine, 2), (s, coarse, 2), (s, coarse, 3)]
+    lasting = [score(*case) for case in cases]
+    alone = []
+    for case in cases:
+        score(scene(rough(80, 60, 0.5), cover=np.zeros((80, 60))), fine, 9)
+        alone.append(score(*case))
+    for one, other in zip(lasting, alone, strict=True):
+        np.testing.assert_array_equal(one.confusion, other.confusion)
+        assert (one.value, one.se, one.n_cells) == (other.value, other.se, other.n_cells)
+    image = simulate_radar(s, fine, table, seed=5, run_id=2)
+    assert percent_correct([image], masked, seed=5, run_id=2).value == lasting[2].value
 
 
 def test_scores_do_not_depend_on_the_number_of_processes():

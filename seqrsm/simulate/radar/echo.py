@@ -75,6 +75,8 @@ class EchoGrid:
         First range bin that ground of the swath reaches, and the number of bins.
     reference_range_m : float
         Slant range of flat ground at the centre of the scene [m].
+    cells_a_pixel, n_azimuth : float, int
+        Azimuth cells in a pixel, and columns of pixels.
     """
 
     geometry: FloatArray
@@ -83,6 +85,8 @@ class EchoGrid:
     first: int
     n_bins: int
     reference_range_m: float
+    cells_a_pixel: float
+    n_azimuth: int
 
 
 def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:
@@ -185,7 +189,9 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
     first, last = _reach(frame, geometry, base[own], ground_format)
     # A position that rounds onto the far edge belongs to the last bin inside it.
     rows = _row_numbers(geometry, cell, ground_format)
-    return EchoGrid(geometry, rows, base, first, max(last - first + 1, 1), reference)
+    n_bins, cells_a_pixel = max(last - first + 1, 1), float(frame.wrapped) or radar.pixel_spacing_m / cell
+    n_azimuth = max(math.ceil(frame.elevation_m.shape[1] / cells_a_pixel - 1e-9), 1)
+    return EchoGrid(geometry, rows, base, first, n_bins, reference, cells_a_pixel, n_azimuth)
 
 
 def _row_numbers(geometry: FloatArray, cell: float, ground_format: bool) -> FloatArray:
@@ -301,9 +307,7 @@ def echo_sums(
     return out
 
 
-def pixels_of_cells(
-    scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid, cells_a_pixel: float, n_azimuth: int
-) -> AnyArray:
+def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
     """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
 
     Parameters
@@ -312,22 +316,15 @@ def pixels_of_cells(
     radar : RadarConfiguration
     frame : RadarFrame
     grid : EchoGrid
-    cells_a_pixel : float
-        Azimuth cells in a pixel.
-    n_azimuth : int
-        Columns of pixels.
 
     Returns
     -------
     int32 array (rows, cols)
-        Pixel ``row * n_azimuth + column``; -1 without data or outside the image.
+        Pixel, row by row of the image; -1 without data or outside the image.
     """
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first = int(frame.source[frame.pad_near])
     rows = slice(first, first + frame.n_rows)
-    # The frame's columns of a plan-position indicator repeat a pixel's worth at either end.
-    repeated = 1 if frame.wrapped else 0
-    width = n_azimuth + 2 * repeated
     pixel = np.full(frame.elevation_m.shape, -1, dtype=np.int32)
     kernels.register_cells(
         frame.elevation_m[rows],
@@ -337,14 +334,14 @@ def pixels_of_cells(
         grid.base[1:-1][own],
         radar.range_format == "ground",
         grid.first,
-        cells_a_pixel,
-        (grid.n_bins, width),
+        grid.cells_a_pixel,
+        (grid.n_bins, grid.n_azimuth),
         pixel[rows],
     )
     pixel = to_scene(pixel, frame, scene.shape, -1)
-    if repeated:
-        row, column = np.divmod(pixel, width)
-        pixel = np.where(pixel < 0, pixel, row * n_azimuth + column - repeated)
+    if frame.wrapped:  # the frame's columns of a plan-position indicator repeat a pixel's worth at either end
+        row, column = np.divmod(pixel, grid.n_azimuth)
+        pixel = np.where(pixel < 0, pixel, row * (grid.n_azimuth - 2) + column - 1)
     return pixel
 
 

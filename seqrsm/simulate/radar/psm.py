@@ -9,9 +9,9 @@ and adds the receiver's noise, fading and transfer function.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,19 +93,28 @@ def simulate_radar(
     SceneError
         No cell has an elevation, or a target lies outside the scene.
     """
-    frame = make_frame(scene, radar, precision)
+    frame, grid, registration = _geometry(scene, radar, precision)
     key = {"seed": seed, "run_id": run_id}
     state = draw_ground_state(radar, visit, **key)
     lookups = look_up(scene, radar, table, state, visit.day)
     occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
-    grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     if targets:
         add_targets(sums, targets, scene.shape, radar, frame, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
-    image = _form_image(sums, scene, radar, frame, grid, occasion, speckle, notes, threads)
+    image = _form_image(sums, scene, radar, frame, grid, registration, occasion, speckle, notes, threads)
     return replace(image, table=table, day=visit.day)
+
+
+@lru_cache(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
+def _geometry(
+    scene: Scene, radar: RadarConfiguration, precision: Precision
+) -> tuple[RadarFrame, EchoGrid, Callable[[], AnyArray]]:
+    """Frame and grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
+    frame = make_frame(scene, radar, precision)
+    grid = echo_grid(frame, radar)
+    return frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
 
 
 def _form_image(
@@ -114,6 +123,7 @@ def _form_image(
     radar: RadarConfiguration,
     frame: RadarFrame,
     grid: EchoGrid,
+    registration: Callable[[], AnyArray],
     occasion: Occasion,
     speckle: tuple[np.uint32, np.uint32],
     notes: tuple[str, ...],
@@ -127,8 +137,7 @@ def _form_image(
     calibration = radar.received_power_w(1.0, incidence, flat.slant_range_m, incidence - flat.turn_rad)
     slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
     looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
-    cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
-    mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), cells_a_pixel, threads)
+    mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), threads)
     power = _faded(mean, noise, looks, radar, speckle, threads)
     return RadarImage(
         intensity=received(power, radar, float(calibration[n])),
@@ -142,7 +151,7 @@ def _form_image(
         incidence_angle_deg=np.rad2deg(theta),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
-        registration=cache(partial(pixels_of_cells, scene, radar, frame, grid, cells_a_pixel, mean.shape[2])),
+        registration=registration,
         state=cache(partial(state_of_cells, scene, radar, frame, grid)),
         radar=radar,
         occasion=occasion,
@@ -174,7 +183,6 @@ def _mean_power(
     frame: RadarFrame,
     grid: EchoGrid,
     flat: tuple[FloatArray, FloatArray, FloatArray],
-    cells_a_pixel: float,
     threads: int,
 ) -> tuple[AnyArray, int]:
     """Mean power of the ground in each pixel [W], and how many rows are finer than the range response.
@@ -182,7 +190,7 @@ def _mean_power(
     ``flat``: slant range [m], incidence [rad] and ground range [m] of flat ground in each row.
     """
     slant, theta, ground_range = flat
-    n, m = grid.n_bins, sums.shape[2]
+    n = grid.n_bins
     across, along = np.asarray(radar.ground_resolution_m(theta)), radar.azimuth_resolution_m(slant)
     # Ground range of one bin on flat ground, so that the sum over a bin becomes that of one single-look cell.
     bin_ground = radar.range_spacing_m / (1.0 if radar.range_format == "ground" else np.sin(theta))
@@ -198,21 +206,20 @@ def _mean_power(
         factor *= frame.cell_m / column_m
         beam = np.full(n, radar.azimuth_beamwidth_rad * frame.ground_range_m[-1] / frame.column_m[-1])
     width = (np.maximum(across, radar.resolution_m) if radar.finer_pixels else across) / bin_ground
-    n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
-    mean = np.empty((sums.shape[0], n, n_pixels), dtype=sums.dtype)
+    mean = np.empty((sums.shape[0], n, grid.n_azimuth), dtype=sums.dtype)
     is_box = radar.cell_shape == "box"
     boxed = beam if is_box else np.zeros(n)
 
     def average(k: int) -> None:
         c, rows = block(k, n, threads)
-        kernels.average_azimuth(sums[c, rows], boxed[rows], cells_a_pixel, factor[rows], mean[c, rows])
+        kernels.average_azimuth(sums[c, rows], boxed[rows], grid.cells_a_pixel, factor[rows], mean[c, rows])
 
     in_threads(average, threads * len(mean), threads)
     if frame.wrapped:
         mean = np.ascontiguousarray(mean[:, :, 1:-1])
     smeared = int((width > 1.0).sum())
     if not is_box:
-        mean = spread_over_cells(mean, radar.cell_shape, width, beam / cells_a_pixel)
+        mean = spread_over_cells(mean, radar.cell_shape, width, beam / grid.cells_a_pixel)
     elif smeared:
         kernels.smear_range(mean, width)
     return mean, smeared
