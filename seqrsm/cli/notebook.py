@@ -1,18 +1,18 @@
 """``seqrsm.Campaign``: the commands as methods, for notebooks and scripts; the commands call it themselves.
 
-The numbers equal those of the commands on the same store, to the bit if the matrix library runs as many threads: the
-commands set ``OPENBLAS_NUM_THREADS=1``.
+The numbers equal those of the commands on the same store, to the bit: like them, methods that compute keep the matrix
+libraries to one thread while they run.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 from seqrsm.errors import Problem, UserError
 
@@ -29,6 +29,22 @@ if TYPE_CHECKING:
     from seqrsm.score.table import TableSource
     from seqrsm.spec.read import CampaignSpec
     from seqrsm.store.records import RunRecord
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _one_thread(method: Callable[_P, _T]) -> Callable[_P, _T]:
+    """As the commands, which set the environment: a matrix library that a notebook has loaded heeds that no more."""
+
+    @wraps(method)
+    def alone(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(limits=1, user_api="blas"):
+            return method(*args, **kwargs)
+
+    return alone
 
 
 class _Page(io.StringIO):
@@ -169,6 +185,7 @@ class Campaign:
 
     # -- the loop -------------------------------------------------------------------------------------------------
 
+    @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
         """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
         if self.spec.simulator is None and source in ("simulation", "best"):
@@ -220,6 +237,7 @@ class Campaign:
         """
         return Ingested(self.opened.ingest(*tables, dry_run=dry_run, accept=accept))
 
+    @_one_thread
     def carry_out(self, **options: Any) -> tuple[RunRecord, ...]:
         """Simulate the issued runs as `simulate` does and return records; ``options``: where, and who is told."""
         if self.spec.simulator is None and not self.opened.store.runs(source="simulation"):
@@ -232,6 +250,7 @@ class Campaign:
         """Simulate the issued runs."""
         self.carry_out(workers=workers)
 
+    @_one_thread
     def run(self, **options: Any) -> Outcome:
         """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""
         from seqrsm.campaign.loop import run_campaign
@@ -240,6 +259,7 @@ class Campaign:
 
     # -- looking --------------------------------------------------------------------------------------------------
 
+    @_one_thread
     def fit(self, application: str | None = None, *, test: Sequence[str] = ()) -> Fit:
         """Model, analysis of variance, optimum, intervals, posterior, decision.
 
@@ -256,6 +276,7 @@ class Campaign:
         tests = [term_tests(analysis, test) for analysis in analyses]
         return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
 
+    @_one_thread
     def candidates(
         self,
         *,
@@ -283,6 +304,7 @@ class Campaign:
             measure_candidates(self.opened, sufficient=sufficient, worlds=worlds, workers=workers, progress=progress)
         )
 
+    @_one_thread
     def status(self, *, history: bool = False) -> Status:
         """Runs by state, current optimum and intervals, decision and reasons; ``history``: every event."""
         from seqrsm.campaign.status import campaign_status
@@ -347,6 +369,7 @@ class Campaign:
             return {**{name: values for name, (_, values, _) in arrays.items()}, **attributes}
         return xarray.Dataset(arrays, coords={"channel": list(picture.channels)}, attrs=attributes)
 
+    @_one_thread
     def report(
         self,
         html: str | Path | None = None,

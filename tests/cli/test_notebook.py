@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
@@ -114,6 +115,18 @@ def test_importing_it_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name.split(".")[0] for name in done.stdout.split()}
     assert not loaded & {"numpy", "scipy", "pandas", "numba", "matplotlib", "sqlalchemy", "pydantic"}
+
+
+def test_matrix_libraries_keep_to_one_thread_while_it_computes(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def threads(*_: object, **__: object) -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    c = seqrsm.Campaign(tiny)
+    monkeypatch.setattr(c.opened, "simulate", threads)
+    with threadpool_limits(limits=2, user_api="blas"):
+        assert threads() == {2}
+        assert c.carry_out() == {1}
+        assert threads() == {2}
 
 
 def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> None:
