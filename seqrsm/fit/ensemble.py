@@ -28,14 +28,22 @@ from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, M
 from seqrsm.fit.target import GeneralModel, Target, build_target, general_target
 from seqrsm.progress import tell
 
-# scipy.stats takes longer to load than a campaign's posterior to sample: emcee has one move, not used here, that wants
-# it, and does without where it cannot be imported.
+# scipy.stats takes longer to load than a campaign's posterior to sample. emcee has one move, not used here, that wants
+# it: it is kept from emcee's own import, and loaded when somebody else in this process uses that move.
 if not (loaded := "scipy.stats" in sys.modules):
     sys.modules["scipy.stats"] = None  # type: ignore[assignment]
 import emcee
 
+
+def _gaussian_kde(*args: Any, **options: Any) -> Any:
+    from scipy.stats import gaussian_kde
+
+    return gaussian_kde(*args, **options)
+
+
 if not loaded:
     del sys.modules["scipy.stats"]
+    emcee.moves.kde.gaussian_kde = _gaussian_kde
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
