@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -60,23 +61,44 @@ def cache_directory() -> Path | None:
     return None if root is None else root / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
 
 
+class _Kernel:
+    """A function that is compiled when it is first called, or first met within another that is."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    @cached_property
+    def compiled(self) -> Any:
+        """What numba makes of it."""
+        if "NUMBA_CACHE_DIR" not in os.environ and (folder := cache_directory()) is not None:
+            os.environ["NUMBA_CACHE_DIR"] = str(folder)
+        import numba
+
+        # No entry for C, which nobody calls, nor for Python into what only kernels call: a sixth less to compile.
+        within = self._function.__name__.startswith("_")
+        options: Any = {
+            "cache": "NUMBA_CACHE_DIR" in os.environ and not within,
+            "nogil": True,
+            "error_model": "numpy",
+            "no_cfunc_wrapper": True,
+            "no_cpython_wrapper": within,
+        }
+        return numba.njit(**options)(self._function)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Type that numba gives a global of a kernel."""
+        return self.compiled._numba_type_
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.compiled(*arguments)
+
+
 def kernel(function: F) -> F:
     """Compile ``function`` with numba: cached on disk where it is safe, no interpreter lock, IEEE arithmetic kept.
 
     ``error_model="numpy"`` lets a division by zero give inf or nan instead of raising, as in numpy; no fast-math flag
-    is set, so results are the same bits for any vector width.
+    is set, so results are the same bits for any vector width. numba takes longer to load than a fit, so that it is
+    loaded when a kernel is first called.
     """
-    if "NUMBA_CACHE_DIR" not in os.environ and (folder := cache_directory()) is not None:
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    import numba
-
-    # No entry for C, which nobody calls, nor for Python into what only kernels call: a sixth less to compile.
-    within = function.__name__.startswith("_")
-    options: Any = {
-        "cache": "NUMBA_CACHE_DIR" in os.environ and not within,
-        "nogil": True,
-        "error_model": "numpy",
-        "no_cfunc_wrapper": True,
-        "no_cpython_wrapper": within,
-    }
-    return cast(F, numba.njit(**options)(function))
+    return cast(F, update_wrapper(_Kernel(function), function))

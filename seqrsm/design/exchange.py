@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design import search
@@ -81,7 +81,7 @@ def lower(region: Region, start: FloatArray, value: Callable[[FloatArray], tuple
 
     constraints: Any = () if region.is_box else ({"type": "ineq", "fun": slacks, "jac": slack_slopes},)
     options: Any = {"maxiter": _ITERATIONS, "ftol": _GAIN}
-    found = minimize(
+    found = scipy.optimize.minimize(
         valued,
         start[:, free].ravel(),
         jac=True,

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
@@ -267,7 +267,7 @@ def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> tup
 
     peak = int(np.argmax(log_likelihood))
     around = np.log(ratios[[max(peak - 1, 0), min(peak + 1, len(ratios) - 1)]])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda t: -float(at(float(np.exp(t)))[3][0]),
         bounds=(float(around[0]), float(around[1])),
         method="bounded",

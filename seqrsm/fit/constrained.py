@@ -7,7 +7,7 @@ a feasible anchor by root finding, so that the climb can follow curved boundarie
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import NonlinearConstraint, minimize
+import scipy
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.region import Region
@@ -249,12 +249,12 @@ def polish(
         return found
 
     scale = max(float(np.abs(linear).max(initial=0.0)), float(np.abs(quadratic).max(initial=0.0)), 1e-300)
-    found = minimize(
+    found = scipy.optimize.minimize(
         loss,
         start[free],
         jac=slope,
         bounds=[(-1.0, 1.0)] * len(free),
-        constraints=NonlinearConstraint(slacks, 1e-13, np.inf),
+        constraints=scipy.optimize.NonlinearConstraint(slacks, 1e-13, np.inf),
         method="SLSQP",
         options={"maxiter": 100, "ftol": 1e-14},
     )

@@ -10,7 +10,7 @@ Sokal (1997), Monte Carlo methods in statistical mechanics, section 3.3 (automat
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+import scipy
 from scipy.special import ndtri
 
 from seqrsm.arrays import FloatArray
@@ -62,12 +62,12 @@ def autocorrelation_time(chain: FloatArray) -> FloatArray:
         In steps, at least about 1 for a chain that mixes; trust it when steps > 50 tau. inf for a constant chain.
     """
     steps, _, d = chain.shape
-    length = next_fast_len(2 * steps, real=True)
+    length = scipy.fft.next_fast_len(2 * steps, real=True)
     tau = np.full(d, np.inf)
     for j in range(d):
         x = chain[:, :, j] - np.mean(chain[:, :, j])
-        power = np.sum(np.square(np.abs(rfft(x, length, axis=0))), axis=1)
-        covariance = irfft(power, length)[:steps]
+        power = np.sum(np.square(np.abs(scipy.fft.rfft(x, length, axis=0))), axis=1)
+        covariance = scipy.fft.irfft(power, length)[:steps]
         if covariance[0] <= 0.0:
             continue
         sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
@@ -109,9 +109,9 @@ def _ess(chains: FloatArray) -> float:
     m, n = chains.shape
     if np.ptp(chains) == 0.0:
         return float(m * n)
-    length = next_fast_len(2 * n, real=True)
+    length = scipy.fft.next_fast_len(2 * n, real=True)
     x = chains - np.mean(chains, axis=1, keepdims=True)
-    covariance = irfft(np.square(np.abs(rfft(x, length, axis=1))), length, axis=1)[:, :n] / n
+    covariance = scipy.fft.irfft(np.square(np.abs(scipy.fft.rfft(x, length, axis=1))), length, axis=1)[:, :n] / n
     mean_covariance = np.mean(covariance, axis=0)
     within = mean_covariance[0] * n / (n - 1.0)
     pooled = mean_covariance[0] + (np.var(np.mean(chains, axis=1), ddof=1) if m > 1 else 0.0)

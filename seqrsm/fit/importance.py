@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray, IntArray
@@ -91,7 +91,9 @@ def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[Floa
         first, *others = height(z + _STEP * np.eye(1 + d, d, -1))
         return -first, (first - np.array(others)) / _STEP
 
-    found = minimize(depth_and_slope, np.zeros(d), jac=True, method="BFGS", options={"maxiter": 30, "gtol": 0.1}).x
+    found = scipy.optimize.minimize(
+        depth_and_slope, np.zeros(d), jac=True, method="BFGS", options={"maxiter": 30, "gtol": 0.1}
+    ).x
     peak = np.clip(found, -_FAR, _FAR)
     step, (i, j) = _WIDE_STEP * np.eye(d), np.triu_indices(d, 1)
     top, *sides = np.split(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
@@ -315,7 +315,7 @@ def _mode(log_prob: Callable[[FloatArray], FloatArray], start: FloatArray) -> Fl
             gradient = (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * _STEP)
         return float(np.minimum(values[0], 1e300)), np.where(np.isfinite(gradient), gradient, 0.0)
 
-    found = minimize(negative, start, jac=True, method="L-BFGS-B", options={"maxiter": 500})
+    found = scipy.optimize.minimize(negative, start, jac=True, method="L-BFGS-B", options={"maxiter": 500})
     mode: FloatArray = np.asarray(found.x, dtype=np.float64)
     return mode if np.isfinite(log_prob(mode[None, :])[0]) else start
 

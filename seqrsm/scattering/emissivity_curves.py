@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
@@ -75,7 +75,7 @@ def interpolated(theta_deg: Sequence[float], value: Sequence[float]) -> FloatArr
     """
     angle, e = np.asarray(theta_deg, dtype=np.float64), np.asarray(value, dtype=np.float64)
     at = np.clip(THETA_DEG, angle[0], angle[-1])
-    out = np.asarray(PchipInterpolator(angle, e)(at)) if angle.size > 2 else np.interp(at, angle, e)
+    out = np.asarray(scipy.interpolate.PchipInterpolator(angle, e)(at)) if angle.size > 2 else np.interp(at, angle, e)
     # The cubic's own rounding must not show at a node, nor beyond the outer ones.
     out[angle[0] >= THETA_DEG] = e[0]
     out[angle[-1] <= THETA_DEG] = e[-1]

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 
@@ -130,8 +129,10 @@ def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
     # Two runs that touch do so from where one of them starts.
     down &= starts[1:] | starts[:-1]
     n_runs = int(run[-1, -1]) + 1
-    graph = coo_array((np.ones(int(down.sum()), dtype=bool), (run[:-1][down], run[1:][down])), shape=(n_runs, n_runs))
-    label = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array(
+        (np.ones(int(down.sum()), dtype=bool), (run[:-1][down], run[1:][down])), shape=(n_runs, n_runs)
+    )
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     order = np.empty(first.size, dtype=np.int32)
     order[np.argsort(first)] = np.arange(first.size, dtype=np.int32)

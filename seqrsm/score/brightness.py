@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import ndimage, sparse
+import scipy
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
@@ -89,7 +89,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     scan = image.scan
     reach = 0.42 * np.array([scan.beamwidth_rad / scan.step_rad, radiometer.footprint_m[1] / scan.advance_m])
     both = np.column_stack([counts.astype(np.float64), warm]).reshape(*image.brightness_k.shape[1:], -1)
-    spread = ndimage.gaussian_filter(both, (*reach, 0.0)).reshape(n_pixels, -1)
+    spread = scipy.ndimage.gaussian_filter(both, (*reach, 0.0)).reshape(n_pixels, -1)
     total = np.maximum(spread[:, :-1].sum(axis=1), 1e-9)
     kelvin_of = np.where(spread[:, -1] > 0.0, spread[:, -1] / total, 300.0)
     planck_k = radiometer.planck_used_k
@@ -190,7 +190,7 @@ def _scatter(ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, covaria
     return float(found[seen].mean()) / len(away_k)
 
 
-def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> sparse.csr_array:
+def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> scipy.sparse.csr_array:
     """How far each footprint tells of each square (n_blocks, n_pixels): 1 where one lies inside the other."""
     known = pixel >= 0
     code = block[known] * n_pixels + pixel[known]
@@ -198,13 +198,13 @@ def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> 
     of_block, of_pixel = np.divmod(codes, n_pixels)
     in_block, in_pixel = np.bincount(block[known], minlength=n_blocks), np.bincount(pixel[known], minlength=n_pixels)
     weight = cells / np.minimum(in_block[of_block], in_pixel[of_pixel])
-    return sparse.csr_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
+    return scipy.sparse.csr_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
 
 
 def _costs(
     image: RadiometerImage,
     ground: ExpectedGround,
-    weights: FloatArray | sparse.csr_array,
+    weights: FloatArray | scipy.sparse.csr_array,
     level_k: FloatArray | None,
     covariances: list[FloatArray],
 ) -> FloatArray:

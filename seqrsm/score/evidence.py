@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy import ndimage, special
+import scipy
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.rng import generator
@@ -184,7 +184,7 @@ def _values(image: Image) -> tuple[AnyArray, AnyArray]:
     power = image.apparent_sigma0()
     db = decibels(power.reshape(len(power), -1).astype(np.float64)).reshape(power.shape)
     # Variance of ln of a gamma variable: the trigamma function of its looks.
-    noise = (10.0 / math.log(10.0)) ** 2 * special.polygamma(1, image.looks)[:, None]
+    noise = (10.0 / math.log(10.0)) ** 2 * scipy.special.polygamma(1, image.looks)[:, None]
     return db, np.broadcast_to(noise, db.shape)
 
 
@@ -196,10 +196,10 @@ def _smoothed(values: AnyArray, noise: AnyArray) -> FloatArray:
 def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
     """Lee's filter (1980, IEEE Trans. PAMI-2, 165-168) of noise that adds, of variance ``noise``; nan is left out."""
     seen = np.isfinite(layer)
-    share = np.maximum(ndimage.uniform_filter(seen.astype(np.float64), WINDOW), 1e-9)
+    share = np.maximum(scipy.ndimage.uniform_filter(seen.astype(np.float64), WINDOW), 1e-9)
     value = np.where(seen, layer, 0.0).astype(np.float64)
-    mean = ndimage.uniform_filter(value, WINDOW) / share
-    variance = np.maximum(ndimage.uniform_filter(value**2, WINDOW) / share - mean**2, 0.0)
+    mean = scipy.ndimage.uniform_filter(value, WINDOW) / share
+    variance = np.maximum(scipy.ndimage.uniform_filter(value**2, WINDOW) / share - mean**2, 0.0)
     noise = np.nan_to_num(noise, nan=0.0)
     gain = np.where(variance > noise, 1.0 - noise / np.maximum(variance, 1e-30), 0.0)
     return np.where(seen, mean + gain * (value - mean), np.nan)
@@ -365,7 +365,7 @@ def _segments(images: Sequence[Image], base: Image, pixels: Pixels) -> IntArray:
     within = pixels.tile[one] == pixels.tile[other]
     one, other = one[within], other[within]
     order = np.argsort(np.square(smooth[:, one] - smooth[:, other]).sum(axis=0), kind="stable")
-    threshold = float(special.chdtri(len(x), BY_NOISE))
+    threshold = float(scipy.special.chdtri(len(x), BY_NOISE))
     found = kernels_classify.merge_pixels(x, one[order], other[order], threshold)
     return np.asarray(np.unique(found, return_inverse=True)[1])
 

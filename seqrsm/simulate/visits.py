@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from scipy import ndimage
+import scipy
 from scipy.special import ndtr
 
 from seqrsm.arrays import FloatArray
@@ -127,9 +127,9 @@ def smooth_departure(
     # Twice the window's reach beyond the places, where the grid's ends meet.
     shape = tuple(math.ceil(float(side.max()) / step) + 16 for side in places_m)
     noise = half_lasting(visit, purpose, shape, 1.0, seed=seed, run_id=run_id)
-    window = ndimage.gaussian_filter(np.eye(1, 33 * 33, 16 * 33 + 16).reshape(33, 33), 2.0)
-    smooth = ndimage.gaussian_filter(noise, 2.0, mode="wrap") / math.sqrt(float(np.square(window).sum()))
-    return np.asarray(ndimage.map_coordinates(smooth, places_m / step, order=1))
+    window = scipy.ndimage.gaussian_filter(np.eye(1, 33 * 33, 16 * 33 + 16).reshape(33, 33), 2.0)
+    smooth = scipy.ndimage.gaussian_filter(noise, 2.0, mode="wrap") / math.sqrt(float(np.square(window).sum()))
+    return np.asarray(scipy.ndimage.map_coordinates(smooth, places_m / step, order=1))
 
 
 def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:

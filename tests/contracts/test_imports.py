@@ -51,7 +51,14 @@ def test_fit_and_status_load_no_engine() -> None:
     """numba and the engines, and what draws and typesets, take time that only runs, proposals and reports need."""
     found = loaded_by("import seqrsm.campaign.campaign, seqrsm.analysis.to_json, seqrsm.cli.show_fit")
     assert "sqlalchemy" in found
-    assert not found & {"numba", "matplotlib", "jinja2", "typst"}
+    assert not found & {"numba", "matplotlib", "jinja2", "typst", "scipy.optimize", "scipy.fft"}
+
+
+def test_engines_load_numba_with_the_first_kernel_that_is_called() -> None:
+    code = "import numpy as np, seqrsm.campaign.dossier, seqrsm.campaign.loop, seqrsm.simulate.radar.psm"
+    assert not loaded_by(code) & {"numba", "scipy.ndimage", "scipy.sparse", "scipy.interpolate"}
+    call = "seqrsm.simulate.radar.kernels.smear_range(np.ones((1, 3, 4), dtype=np.float32), np.ones(3))"
+    assert "numba" in loaded_by(f"{code}\n{call}")
 
 
 def test_sampling_loads_no_part_of_scipy_that_it_does_not_use() -> None:

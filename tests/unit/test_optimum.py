@@ -316,7 +316,7 @@ def test_a_search_that_ends_outside_is_drawn_back(monkeypatch: pytest.MonkeyPatc
     class Outside:
         x = np.array([0.9, 0.0])
 
-    monkeypatch.setattr(constrained, "minimize", lambda *_args, **_kwargs: Outside())
+    monkeypatch.setattr(constrained.scipy.optimize, "minimize", lambda *_args, **_kwargs: Outside())
     point, value = polish(region, float(c), b, B, np.zeros(2))
     assert region.feasible(point[None, :], tol=0.0)[0]
     assert value == pytest.approx(0.5, abs=1e-4)

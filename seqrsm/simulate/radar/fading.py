@@ -16,8 +16,8 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev
-from scipy import ndimage
 from scipy.special import gammainccinv, gammaincinv, ndtr, ndtri
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
@@ -59,8 +59,8 @@ def spread_over_cells(image: AnyArray, shape: str, down: FloatArray, along: Floa
     rows = np.empty_like(image)
     for i, width in enumerate(along):
         w = cell_weights(shape, width)
-        inside = ndimage.convolve1d(one, w, mode="constant")
-        rows[:, i] = ndimage.convolve1d(image[:, i], w, mode="constant") / inside
+        inside = scipy.ndimage.convolve1d(one, w, mode="constant")
+        rows[:, i] = scipy.ndimage.convolve1d(image[:, i], w, mode="constant") / inside
     out = np.empty_like(image)
     for i, width in enumerate(down):
         w = cell_weights(shape, width)
