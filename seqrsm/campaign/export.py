@@ -83,7 +83,7 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "spec_hash": spec.spec_hash,
         "campaign_toml": without_store((spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig")),
         "attached": [attached(spec.folder, path) for path in spec_files(spec)],
-        "factors": [{"name": factor.name, "unit": getattr(factor, "unit", "")} for factor in spec.factors],
+        "factors": [{"name": factor.name, "unit": factor.unit} for factor in spec.factors],
         **{kind: [asdict(record) for record in getattr(store, kind)()] for kind in ("runs", *KEPT)},
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -200,11 +200,7 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     UserError
         The file exists, or cannot be written.
     """
-    units = {
-        factor.name: f"{factor.name} [{factor.unit}]"
-        for factor in spec.factors
-        if not isinstance(factor, CategoricalFactor) and factor.unit
-    }
+    units = {factor.name: f"{factor.name} [{factor.unit}]" for factor in spec.factors if factor.unit}
     header, rows = form_rows(spec, runs)
     if path.exists():
         raise UserError(Problem("the file exists already", "Name a new file.", file=str(path)))

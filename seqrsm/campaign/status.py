@@ -54,7 +54,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "interval": spec.stop.interval,
         "target_half_width": spec.stop.half_width,
         "level": spec.stop.level,
-        "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
+        "units": {factor.name: factor.unit for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
         "simulated_by": simulated_by(runs),
         "applications": applications,

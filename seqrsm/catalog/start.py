@@ -59,8 +59,29 @@ class Source:
     applications: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion:
+    """What the literature suggests of a factor.
+
+    Attributes
+    ----------
+    sources : tuple of Source
+        Every print it rests on, by table.
+    notes : tuple of str
+        How open sides were closed, and what else to know.
+    """
+
+    sources: tuple[Source, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Numbers of the tables it rests on."""
+        return tuple(dict.fromkeys(source.table for source in self.sources))
+
+
 @dataclass(frozen=True, slots=True)
-class StartRange:
+class StartRange(Suggestion):
     """Suggested range of one numeric factor.
 
     Attributes
@@ -79,10 +100,6 @@ class StartRange:
         How many sources cover that part.
     best : float or None
         Value printed as best.
-    sources : tuple of Source
-        Every print it rests on, by table.
-    notes : tuple of str
-        How open sides were closed, and what else to know.
     """
 
     name: str
@@ -94,37 +111,19 @@ class StartRange:
     agreed_high: float | None
     n_agreeing: int
     best: float | None
-    sources: tuple[Source, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def tables(self) -> tuple[str, ...]:
-        """Numbers of the tables it rests on."""
-        return tuple(dict.fromkeys(source.table for source in self.sources))
 
 
 @dataclass(frozen=True, slots=True)
-class StartLevels:
-    """Suggested levels of the factor polarization.
+class StartLevels(Suggestion):
+    """Suggested levels of the factor polarization; among its sources are those that name no channel.
 
     Attributes
     ----------
     levels : tuple of str
         Single channels first, then sets ("HH+HV"); empty where no channel is printed.
-    sources : tuple of Source
-        Every print on polarization, those that name no channel too.
-    notes : tuple of str
-        What else to know.
     """
 
     levels: tuple[str, ...]
-    sources: tuple[Source, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def tables(self) -> tuple[str, ...]:
-        """Numbers of the tables it rests on."""
-        return tuple(dict.fromkeys(source.table for source in self.sources))
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +203,7 @@ def _start_range(
     numbers = [end for values in ranges for r in values for end in (r.low, r.high) if end is not None]
     if not numbers:
         none = ("no number is printed",)
-        return StartRange(name, unit, scale, None, None, None, None, 0, best, sources, none)
+        return StartRange(name, unit, scale, None, None, None, None, 0, best, sources=sources, notes=none)
     low, high, notes = min(numbers), max(numbers), []
     for side in ("low", "high"):
         if any(getattr(r, side) is None for values in ranges for r in values):
@@ -221,7 +220,7 @@ def _start_range(
         notes.append("no two sources agree")
     if low == high:
         notes.append("only one value is printed")
-    return StartRange(name, unit, scale, low, high, *agreed, count, best, sources, tuple(notes))
+    return StartRange(name, unit, scale, low, high, *agreed, count, best, sources=sources, notes=tuple(notes))
 
 
 def _resolution_ranges(entry: Entry) -> tuple[Range, ...]:
@@ -253,7 +252,7 @@ def _polarization(entries: Sequence[Entry]) -> StartLevels:
     notes = [] if order else ["no channel is printed"]
     if any("cross" in source.printed.lower() for source in sources):
         notes.append("cross is taken as HV")
-    return StartLevels(tuple("+".join(channels) for channels in order), sources, tuple(notes))
+    return StartLevels(tuple("+".join(channels) for channels in order), sources=sources, notes=tuple(notes))
 
 
 def _none_found(words: str, system: str) -> UserError:

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -250,6 +250,8 @@ class CategoricalFactor:
     name: str
     levels: tuple[str, ...]
 
+    unit: ClassVar[str] = ""
+
     def __post_init__(self) -> None:
         problems = _name_problems(self.name)
         levels = tuple(self.levels)
@@ -278,6 +280,34 @@ class CategoricalFactor:
 
 Factor: TypeAlias = ContinuousFactor | DiscreteFactor | CategoricalFactor
 NumericFactor: TypeAlias = ContinuousFactor | DiscreteFactor
+
+
+class OfFactors:
+    """What is made of factors, in the order of the columns of points."""
+
+    __slots__ = ()
+    factors: tuple[Factor, ...]
+
+    @property
+    def k(self) -> int:
+        """Number of factors."""
+        return len(self.factors)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the factors."""
+        return tuple(factor.name for factor in self.factors)
+
+    @property
+    def numeric(self) -> tuple[int, ...]:
+        """Indices of the continuous and discrete numeric factors."""
+        return tuple(i for i, f in enumerate(self.factors) if not isinstance(f, CategoricalFactor))
+
+    @property
+    def categorical(self) -> tuple[int, ...]:
+        """Indices of the categorical factors."""
+        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, CategoricalFactor))
+
 
 _DIGITS = 4
 _CLOSE = 0.005  # coded: a quarter of a percent of the range
@@ -308,8 +338,7 @@ def setting_text(factor: Factor, value: float | str) -> str:
 
 def setting_with_unit(factor: Factor, value: float | str) -> str:
     """A level or setting as people write it, with its unit."""
-    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
-    return f"{setting_text(factor, value)} {unit}".rstrip()
+    return f"{setting_text(factor, value)} {factor.unit}".rstrip()
 
 
 def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, OfFactors
 
 TermKind: TypeAlias = Literal["intercept", "linear", "category", "interaction", "square"]
 
@@ -39,7 +39,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
-class QuadraticModel:
+class QuadraticModel(OfFactors):
     """First- or second-order polynomial in coded factors.
 
     Every term is a product of two base columns: column 0 is one, then come the numeric factors and the contrasts of
@@ -77,11 +77,6 @@ class QuadraticModel:
         object.__setattr__(self, "second", np.array([b for _, _, b in products], dtype=np.int64))
 
     @property
-    def k(self) -> int:
-        """Number of factors."""
-        return len(self.factors)
-
-    @property
     def p(self) -> int:
         """Number of terms."""
         return len(self.terms)
@@ -90,16 +85,6 @@ class QuadraticModel:
     def term_names(self) -> tuple[str, ...]:
         """Names of the terms, in column order."""
         return tuple(term.name for term in self.terms)
-
-    @property
-    def numeric(self) -> tuple[int, ...]:
-        """Indices of the numeric factors: the coordinates of :meth:`forms`."""
-        return tuple(i for i, f in enumerate(self.factors) if not isinstance(f, CategoricalFactor))
-
-    @property
-    def categorical(self) -> tuple[int, ...]:
-        """Indices of the categorical factors."""
-        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, CategoricalFactor))
 
     @property
     def columns(self) -> tuple[range, ...]:
@@ -193,7 +178,7 @@ class QuadraticModel:
 
     def factor_terms(self, name: str) -> IntArray:
         """Return the indices of all terms that hold the factor ``name``, for RSL TR 380-1 eq. (2-14)."""
-        if name not in {factor.name for factor in self.factors}:
+        if name not in self.names:
             raise KeyError(name)
         return np.array([t for t, term in enumerate(self.terms) if name in term.factors], dtype=np.int64)
 

@@ -16,7 +16,14 @@ import numpy as np
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design import search
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import LOG_NEEDS_POSITIVE, CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.factors import (
+    LOG_NEEDS_POSITIVE,
+    CategoricalFactor,
+    ContinuousFactor,
+    DiscreteFactor,
+    Factor,
+    OfFactors,
+)
 from seqrsm.errors import Problem, RegionError
 
 _BOX_TOLERANCE = 1e-9
@@ -63,7 +70,7 @@ def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constr
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class Region(OfFactors):
     """Allowed settings of the factors.
 
     Parameters
@@ -103,21 +110,6 @@ class Region:
         object.__setattr__(self, "anchors", anchors)
 
     @property
-    def k(self) -> int:
-        """Number of factors."""
-        return len(self.factors)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the factors."""
-        return tuple(factor.name for factor in self.factors)
-
-    @property
-    def numeric(self) -> tuple[int, ...]:
-        """Indices of the continuous and discrete numeric factors."""
-        return tuple(i for i, f in enumerate(self.factors) if not isinstance(f, CategoricalFactor))
-
-    @property
     def continuous(self) -> tuple[int, ...]:
         """Indices of the continuous factors."""
         return tuple(i for i, f in enumerate(self.factors) if isinstance(f, ContinuousFactor))
@@ -126,11 +118,6 @@ class Region:
     def discrete(self) -> tuple[int, ...]:
         """Indices of the discrete numeric factors."""
         return tuple(i for i, f in enumerate(self.factors) if isinstance(f, DiscreteFactor))
-
-    @property
-    def categorical(self) -> tuple[int, ...]:
-        """Indices of the categorical factors."""
-        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, CategoricalFactor))
 
     @property
     def is_box(self) -> bool:

@@ -21,7 +21,7 @@ Saltelli et al. (2008), Global sensitivity analysis: the primer, chapter 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.plain import shallow
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
@@ -67,47 +68,30 @@ class CanonicalForm:
 
 
 @dataclass(frozen=True, slots=True)
-class StationaryPoint:
-    """Stationary point of a fitted model at given category levels.
+class StationaryPoint(CanonicalForm):
+    """Stationary point of a fitted model at given category levels: the canonical form of its numeric factors.
 
     Attributes
     ----------
-    point : ndarray (k,)
-        Coded, in factor order; category columns hold the level index. Numeric entries are nan without curvature.
-    value : float
-        Fitted value there.
-    kind : str
-        "maximum", "minimum", "saddle", "ridge" or "none": see :class:`CanonicalForm`.
-    eigenvalues : ndarray (q,)
-        Of B, falling.
-    eigenvectors : ndarray (q, q)
-        Columns, over the numeric factors in order.
+    point, exact_point : ndarray (k,)
+        Coded, in factor order; category columns hold the level index. Numeric entries are nan where the form's are.
     inside_region : bool
         Inside the bounds and the constraints. Whether a discrete factor's value is one of its levels is not asked:
         canonical analysis treats it as continuous.
     se : ndarray (k,)
         Standard errors of ``point``, coded, to first order and with the same axes flat; nan for categorical factors,
         and where nothing is known of errors.
-    exact_point, exact_value, exact_inside_region, exact_se
-        The same with no eigenvalue taken as flat; nan where the quadratic is singular.
-    flat : ndarray (q,) of bool
-        Directions along which the surface is a ridge.
+    exact_value, exact_inside_region, exact_se
+        The same of ``exact_point``, with no eigenvalue taken as flat.
     warning : str
         A sentence when the surface is a ridge or has no curvature; else empty.
     """
 
-    point: FloatArray
-    value: float
-    kind: Kind
-    eigenvalues: FloatArray
-    eigenvectors: FloatArray
     inside_region: bool
     se: FloatArray
-    exact_point: FloatArray
     exact_value: float
     exact_inside_region: bool
     exact_se: FloatArray
-    flat: BoolArray
     warning: str
 
 
@@ -194,19 +178,14 @@ def stationary_point(
         return _full_point(region, np.sqrt(np.maximum(variance(slopes), 0.0)), nothing)
 
     names = [region.names[i] for i in region.numeric]
+    placed = replace(form, point=point, exact_point=exact)
     return StationaryPoint(
-        point=point,
-        value=form.value,
-        kind=form.kind,
-        eigenvalues=form.eigenvalues,
-        eigenvectors=form.eigenvectors,
+        **shallow(placed),
         inside_region=inside,
         se=errors(form.point, form.flat),
-        exact_point=exact,
         exact_value=float(constant + form.exact_point @ linear + form.exact_point @ quadratic @ form.exact_point),
         exact_inside_region=exact_inside,
         exact_se=errors(form.exact_point, np.zeros_like(form.flat)),
-        flat=form.flat,
         warning=_ridge_warning(form, names, threshold, level=not np.any(linear)),
     )
 

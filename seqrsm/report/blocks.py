@@ -60,6 +60,11 @@ class KeyFigures:
     items: tuple[KeyFigure, ...]
 
 
+def heading(title: str, unit: str) -> str:
+    """Title with its unit, where it has one, as on an axis or over a column."""
+    return f"{title} [{unit}]" if unit else title
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """Head of a table column; ``unit`` is shown in brackets after the title, and terminals lack ``extra`` columns."""
@@ -72,7 +77,7 @@ class Column:
     @property
     def heading(self) -> str:
         """Title and unit."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
+        return heading(self.title, self.unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
-from seqrsm.report.blocks import Cell, Column, right
+from seqrsm.report.blocks import Cell, Column, heading, right
 from seqrsm.report.rounding import (
     decimals_for,
     decimals_of_significant,
@@ -80,13 +80,12 @@ def with_unit(text: str, unit: str) -> str:
 
 def axis_label(factor: Factor) -> str:
     """Return name and unit of a factor, as on an axis or in a table's head."""
-    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
-    return f"{readable(factor.name)} [{unit}]" if unit else readable(factor.name)
+    return heading(readable(factor.name), factor.unit)
 
 
 def factor_column(factor: Factor) -> Column:
     """Return the head of a column of settings."""
-    return right(readable(factor.name), "" if isinstance(factor, CategoricalFactor) else factor.unit)
+    return right(readable(factor.name), factor.unit)
 
 
 def listing(items: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
-from seqrsm.report.blocks import PanelData
+from seqrsm.report.blocks import PanelData, heading
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.rounding import format_range
@@ -312,18 +312,17 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
 
 def score_label(analysis: Analysis) -> str:
     """Return the label of an axis of scores."""
-    return f"score [{shortened(analysis.score_unit, 20)}]" if analysis.score_unit else "score"
+    return heading("score", shortened(analysis.score_unit, 20))
 
 
 def score_column(analysis: Analysis, name: str = "score") -> str:
     """Name of a column of scores, with their unit."""
-    return f"{name} [{analysis.score_unit}]" if analysis.score_unit else name
+    return heading(name, analysis.score_unit)
 
 
 def factor_column(factor: Factor) -> str:
     """Name of a factor's column, with its unit."""
-    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
-    return f"{factor.name} [{unit}]" if unit else factor.name
+    return heading(factor.name, factor.unit)
 
 
 def _label_style(labels: list[str]) -> dict[str, Any]:

@@ -6,7 +6,19 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.report.blocks import Block, Bullets, Cell, FigureBlock, Head, PanelData, Paragraph, Section, right, table
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    FigureBlock,
+    Head,
+    PanelData,
+    Paragraph,
+    Section,
+    heading,
+    right,
+    table,
+)
 from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_range, format_share, format_significant
 from seqrsm.report.wording import level_text, listing, number_cell, slug, with_unit
@@ -202,6 +214,5 @@ def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], axes: Ax
     axes.axvline(edge, color=drawing.ORANGE, linestyle="--", linewidth=1.0)
     axes.set_yticks(range(len(rows)), [f"{row['name']} ({format_share(row['probability'])})" for row in reversed(rows)])
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    unit = f" [{found['unit']}]" if found["unit"] else ""
-    axes.set_xlabel(f"score minus the optimum's{unit}")
+    axes.set_xlabel(heading("score minus the optimum's", found["unit"]))
     axes.grid(visible=True, axis="x")

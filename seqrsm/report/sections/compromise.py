@@ -20,6 +20,7 @@ from seqrsm.report.blocks import (
     Paragraph,
     Section,
     Table,
+    heading,
     right,
     table,
 )
@@ -80,14 +81,10 @@ def _front_figure(found: CompromiseEstimate) -> FigureBlock:
             f"{with_unit(format_number(y.value, _places(y)), y.unit)}."
         )
         rows = tuple(tuple(row) for row in found.front_values[:, [i, j]].tolist())
-        data = partial(PanelData, (_axis(x), _axis(y)), rows)
+        data = partial(PanelData, (heading(x.name, x.unit), heading(y.name, y.unit)), rows)
         panels.append(drawing.panel(title, alt, partial(_paint_front, found, i, j), f"pareto {title}", data))
     caption = "Pareto front: settings that no other setting improves on in every objective. Star: the compromise."
     return FigureBlock(lambda: tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
-
-
-def _axis(item: GivenUp) -> str:
-    return f"{item.name} [{item.unit}]" if item.unit else item.name
 
 
 def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
@@ -95,8 +92,8 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
     axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
     star: dict[str, Any] = {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": drawing.INK, "zorder": 5}
     axes.scatter([x.value], [y.value], **star)
-    axes.set_xlabel(shortened(_axis(x), 44))
-    axes.set_ylabel(shortened(_axis(y), 36))
+    axes.set_xlabel(shortened(heading(x.name, x.unit), 44))
+    axes.set_ylabel(shortened(heading(y.name, y.unit), 36))
     drawing.light_grid(axes)
 
 
