@@ -18,10 +18,10 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.optimum import sign_of
-from seqrsm.propose.batch import propose_batch
+from seqrsm.propose.batch import PLAN, Plan, propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import propose_from_process
-from seqrsm.propose.criteria import Proposal, Spread
+from seqrsm.propose.criteria import Optimum, Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -35,6 +35,7 @@ EXTRA_RUNS = 6
 _DAY_PRECISION, _DAY_KNOWN = 0.01, 1e6  # of a new day's effect: within 10 standard deviations of a run, or none
 _WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
+_IMPROBABLE = 0.15  # a process that proposes no runs
 
 
 def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
@@ -121,14 +122,18 @@ class _Chooser:
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        By the process where one was weighed that knows of runs of this source: of two it is that of flights.
+        By the process where one was weighed that knows of runs of this source: of two it is that of flights. Where the
+        process is improbable, by the quadratic, and none of the runs has to test it: the process does.
         """
-        process = self.analysis.fitted.departure.process
+        departure = self.analysis.fitted.departure
+        process = departure.process
         scored = {run.source for run in done if not run.pending}
         others_wait = any(run.pending and run.source != source for run in done)
         known = not others_wait and (scored == {source} or (source == "flight" and source in scored))
         if process is None or self.spec.model.block is not None or not known:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
+        if departure.probability < _IMPROBABLE:
+            return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties, ((Optimum, 1.0),))
         return propose_from_process(
             process,
             self.spec.region,
@@ -150,6 +155,7 @@ class _Chooser:
         df_pure_error: int,
         barred: FloatArray,
         ties: int | None,
+        plan: Plan = PLAN,
     ) -> tuple[Proposal, ...]:
         """The same by the quadratic alone; with ``ties`` None a new day counts as tied already."""
         points = self.spec.region.code([run.settings for run in done])
@@ -184,6 +190,7 @@ class _Chooser:
             ),
             self.sought(two),
             n,
+            plan,
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=batch_seed(self.spec.seed, len(done)),
             ties=(ties or 0) if new_day else 0,

@@ -19,6 +19,12 @@ from seqrsm.design.region import Region
 Rows = Callable[[FloatArray], FloatArray]
 """Model rows (n, p) of coded points (n, k)."""
 
+VALUE = 0.3
+"""What a variance of the value at the optimum counts, where that of the loss counts 1.
+
+With 1 runs gather where the optimum seems to be, which tells little of where it is; see `reports/peers`.
+"""
+
 _WEAK_PRECISION = 1e-2
 _MAX_TARGETS = 128
 
@@ -172,11 +178,11 @@ def downdate(C: FloatArray, z: FloatArray, weight: float = 1.0) -> FloatArray:
 
 
 def optimum_targets(z_hat: FloatArray, z_star: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matrices W (p, p) of the default criterion: half the value at the optimum, half the expected regret.
+    """Matrices W (p, p) of the default criterion: the value at the optimum, and the expected regret.
 
-    Both halves are variances of scores, so they are added as they are: ``trace(W_value C)`` is the mean variance of the
-    estimated response at the optimum, where it seems to be (one half) and where posterior draws put it (the other), and
-    ``trace(W_regret C)`` that of the difference between the two places, which is what choosing wrongly costs.
+    ``trace(W_regret C)`` is the mean variance of the difference between the place where the optimum seems to be and
+    those where posterior draws put it, which is what choosing wrongly costs; ``trace(W_value C)`` is `VALUE` times that
+    of the estimated response at the optimum, where it seems to be (one half) and where the draws put it (the other).
 
     Parameters
     ----------
@@ -186,4 +192,4 @@ def optimum_targets(z_hat: FloatArray, z_star: FloatArray) -> tuple[FloatArray, 
     s = max(len(z_star), 1)
     spread = z_star - z_hat
     draws = z_star.T @ z_star / s
-    return np.asarray(0.25 * np.outer(z_hat, z_hat) + 0.25 * draws), np.asarray(0.5 * spread.T @ spread / s)
+    return np.asarray(0.5 * VALUE * (np.outer(z_hat, z_hat) + draws)), np.asarray(spread.T @ spread / s)

@@ -12,6 +12,7 @@ from process_cases import bowl, hill, spread
 from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
+from seqrsm.analysis import belief as belief_module
 from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.optimism import optimism
@@ -498,6 +499,7 @@ def test_next_flights_beside_simulations_come_from_the_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, waiting: str, by_process: bool
 ) -> None:
     """It knows the surface of flights alone, and counts waiting runs as flights."""
+    monkeypatch.setattr(belief_module, "PRIOR_LOG_ODDS", 50.0)
     points = np.round(spread(30, 2), 3)
     sources = ["flight" if i % 3 == 0 else "simulation" for i in range(30)]
     made = campaign(tmp_path / "c", specification(numeric(2)), points, bowl(points) + NOISE[:30], source=sources)
@@ -510,6 +512,24 @@ def test_next_flights_beside_simulations_come_from_the_process(
     found = next_runs.next_batch(made.spec, analyses, active, 2, source)
     assert [run.source for run in found] == [source, source]
     assert bool(asked) is by_process
+
+
+@pytest.mark.parametrize(("odds", "asks"), [(-50.0, False), (-2.0, False), (-1.0, True), (50.0, True)])
+def test_an_improbable_process_proposes_no_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, odds: float, asks: bool
+) -> None:
+    points = np.round(spread(30, 2), 3)
+    made = campaign(tmp_path / "c", specification(numeric(2)), points, bowl(points) + NOISE[:30])
+    (plain,) = made.analyse_all(n_draws=400)
+    monkeypatch.setattr(belief_module, "PRIOR_LOG_ODDS", odds - plain.fitted.departure.log_bayes_factor)
+    analyses = made.analyse_all(n_draws=400)
+    asked = []
+    real = next_runs.propose_from_process
+    monkeypatch.setattr(next_runs, "propose_from_process", lambda *a, **more: asked.append(a) or real(*a, **more))
+    found = next_runs.next_batch(made.spec, analyses, made.store.runs(), 8, "simulation")
+    assert len(found) == 8
+    assert {run.purpose for run in found} <= {"optimum", "regret"}
+    assert bool(asked) is asks
 
 
 # extremes -------------------------------------------------------------------------------------------------------------
