@@ -80,57 +80,29 @@ class Greedy:
         return Proposal.of(choice, *self._says(choice))
 
 
-class _Variance(Greedy):
-    """Lowers a mean variance ``trace(WC)``."""
+class Optimum(Greedy):
+    """Lowers the variance of the value at the optimum and of the loss against it; a run is for what it gains more of.
 
-    @property
-    def _W(self) -> FloatArray:
-        raise NotImplementedError
+    Where the optimum is: where it seems to be, and where posterior draws put it.
+    """
 
     def gain(self, rows: FloatArray) -> FloatArray:
-        """Drop ``z'CWCz / (1/w + z'Cz)`` of the variance, in units of sigma squared."""
+        """Drop of the mean variance ``trace(WC)``, in units of sigma squared."""
+        return self._drop(self.known.value + self.known.regret, rows)
+
+    def _drop(self, W: FloatArray, rows: FloatArray) -> FloatArray:
+        """``z'CWCz / (1/w + z'Cz)``."""
         CZ = rows @ self.known.C
-        return np.asarray(np.sum((CZ @ self._W) * CZ, axis=1) / (1.0 / self.known.weight + np.sum(CZ * rows, axis=1)))
-
-    def _share(self, choice: Choice) -> str:
-        """Share of the variance that a run takes away; 0 where there is none left."""
-        total = float(np.sum(self._W * self.known.C))
-        return percent(float(self.gain(choice.row[None, :])[0]) / total if total > 0.0 else 0.0)
-
-
-class Value(_Variance):
-    """The value at the optimum, where it seems to be and where posterior draws put it."""
-
-    @property
-    def _W(self) -> FloatArray:
-        return self.known.value
+        return np.asarray(np.sum((CZ @ W) * CZ, axis=1) / (1.0 / self.known.weight + np.sum(CZ * rows, axis=1)))
 
     def _says(self, choice: Choice) -> tuple[str, str]:
-        return "optimum", f"{self.known.narrowing(choice.row)}{choice.again}"
-
-
-class Regret(_Variance):
-    """The expected loss from a misplaced optimum."""
-
-    @property
-    def _W(self) -> FloatArray:
-        return self.known.regret
-
-    def _says(self, choice: Choice) -> tuple[str, str]:
-        return "regret", f"reduces the expected loss from a misplaced optimum by {self._share(choice)}{choice.again}"
-
-
-class Optimum(_Variance):
-    """Half value at the optimum, half expected regret; a run is for that which it gains more of."""
-
-    @property
-    def _W(self) -> FloatArray:
-        return self.known.value + self.known.regret
-
-    def _says(self, choice: Choice) -> tuple[str, str]:
-        value, regret = Value(self.known, self.n), Regret(self.known, self.n)
-        row = choice.row[None, :]
-        return (regret if regret.gain(row)[0] > value.gain(row)[0] else value)._says(choice)
+        row, W = choice.row[None, :], self.known.regret
+        of_regret = float(self._drop(W, row)[0])
+        if of_regret <= self._drop(self.known.value, row)[0]:
+            return "optimum", f"{self.known.narrowing(choice.row)}{choice.again}"
+        total = float(np.sum(W * self.known.C))
+        share = percent(of_regret / total if total > 0.0 else 0.0)
+        return "regret", f"reduces the expected loss from a misplaced optimum by {share}{choice.again}"
 
 
 class Spread(Greedy):
