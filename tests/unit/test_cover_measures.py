@@ -120,6 +120,13 @@ def test_no_field_is_both_taught_and_tested() -> None:
     assert len(np.unique(pixels_of(image(one), one, tile_m=130.0, **KEY).tile)) > 50
 
 
+def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
+    """What lies in its pixels is kept from one look to the next, also when another utility asks for larger tiles."""
+    fine, coarse, again = (pixels_of(IMAGE, SCENE, tile_m=side, **KEY).tile for side in (130.0, 390.0, 130.0))
+    assert len(np.unique(fine)) > 3 * len(np.unique(coarse))
+    np.testing.assert_array_equal(again, fine)
+
+
 def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
     pixels = pixels_of(IMAGE, SCENE, **KEY)
     found = evidence_of([IMAGE], SCENE, by="field", **KEY)
