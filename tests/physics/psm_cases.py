@@ -123,7 +123,7 @@ class Lookup:
     notes: tuple = ()
 
 
-@dataclass
+@dataclass(eq=False)
 class Table:
     """sigma0 in dB at 0 deg of each category, falling by a slope; no natural variability unless told."""
 

@@ -12,9 +12,10 @@ each field is cut into drawn pieces, and each piece departs from its field.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -287,8 +288,8 @@ def look_up(
         more |= {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
 
     def find(channel: str) -> Sigma0Lookup:
-        lookup: Callable[..., Sigma0Lookup] = table.lookup
-        return lookup(
+        return _found(
+            table,
             scene.categories,
             radar.frequency_ghz,
             channel,
@@ -305,3 +306,8 @@ def look_up(
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))
         found.append(like)
     return found
+
+
+@lru_cache(maxsize=32)  # settings that are checked one after another ask for few frequencies, channels and states
+def _found(table: Sigma0Table, *where: Any, **state: Any) -> Sigma0Lookup:
+    return table.lookup(*where, **state)
