@@ -21,7 +21,7 @@ Saltelli et al. (2008), Global sensitivity analysis: the primer, chapter 4.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -30,7 +30,6 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.plain import shallow
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
@@ -178,9 +177,14 @@ def stationary_point(
         return _full_point(region, np.sqrt(np.maximum(variance(slopes), 0.0)), nothing)
 
     names = [region.names[i] for i in region.numeric]
-    placed = replace(form, point=point, exact_point=exact)
     return StationaryPoint(
-        **shallow(placed),
+        point=point,
+        exact_point=exact,
+        value=form.value,
+        kind=form.kind,
+        eigenvalues=form.eigenvalues,
+        eigenvectors=form.eigenvectors,
+        flat=form.flat,
         inside_region=inside,
         se=errors(form.point, form.flat),
         exact_value=float(constant + form.exact_point @ linear + form.exact_point @ quadratic @ form.exact_point),
