@@ -3,9 +3,8 @@
     python tests/studies/ablation_study.py [--parts NAME...] [--kinds NAME...] [--seeds 100:122]
 
 A part is taken out by a value that makes it do nothing. Campaigns end with their budget and are paired by seed with
-those of the whole program in ``reports/peers/campaigns.csv``; ``reports/peers/ablation.csv`` keeps every finished one,
-so that the same command goes on where it was, and ``reports/peers/ablation.md`` is written anew (``--seeds 0:0`` only
-writes it).
+those of the whole program by the same code; ``reports/peers/ablation.csv`` keeps every finished one, so that the same
+command goes on where it was, and ``reports/peers/ablation.md`` is written anew (``--seeds 0:0`` only writes it).
 """
 
 from __future__ import annotations
@@ -31,12 +30,13 @@ KINDS = (
 
 
 class _FirstDraws(process.Process):
-    """The last walker's place alone in place of twenty draws: one guess of what the process rests on."""
+    """One draw in place of twenty: one guess of what the process rests on."""
 
     def _keep(self, theta: np.ndarray) -> None:
         super()._keep(theta[:1])
 
 
+WHOLE = "whole"
 PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
     "process": (
         "the quadratic alone, for answer and proposals",
@@ -66,15 +66,16 @@ def without(part: str) -> Iterator[None]:
     """The program without a part."""
     remember._recalled.clear()  # a process of the same scores with the part
     with ExitStack() as stack:
-        for one in PARTS[part][1]():
+        for one in PARTS[part][1]() if part != WHOLE else ():
             stack.enter_context(one)
         yield
 
 
 HEAD = """# What each part of the analysis earns
 
-`python tests/studies/ablation_study.py` writes this page from `ablation.csv`: the campaigns of the
-[comparison with packages](README.md) once more, each without one part, on the same surfaces and to the same budget.
+`python tests/studies/ablation_study.py` writes this page from `ablation.csv`: campaigns of the
+[comparison with packages](README.md), each without one part, on the same surfaces and to the same budget. They are of
+2026-11-24, when the program drew the process's lengths and scales by Markov chains, not by importance as it does today.
 Regret without the part minus regret of the whole program, paired by seed: mean of the differences ± its standard
 error [points] (a mean, as a part may matter in few campaigns). Above zero the part helps; **bold**: more than two
 standard errors. The whole program of this page let the noise grow where scores are poorer; since that earned nothing,
@@ -91,10 +92,10 @@ program), its coverage of the true mean, and the mean reported too high (whole p
 """
 
 
-def page(rows: Sequence[Row], whole: Sequence[Row]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """The two tables."""
-    of_whole = {(row["kind"], row["seed"]): row for row in whole}
-    paired = [(row, of_whole[row["kind"], row["seed"]]) for row in rows if (row["kind"], row["seed"]) in of_whole]
+    of_whole = {(row["kind"], row["seed"]): row for row in rows if row["driver"] == WHOLE}
+    paired = [(row, of_whole[row["kind"], row["seed"]]) for row in rows if row["driver"] != WHOLE]
     lines, widths = [], []
     for part, left in {**{name: left for name, (left, _) in PARTS.items()}, **GONE}.items():
         pairs = [pair for pair in paired if pair[0]["driver"] == part]
@@ -139,7 +140,6 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), metavar="KIND")
     parser.add_argument("--seeds", type=seeds_of, default=range(100, 122), metavar="a:b")
     given = parser.parse_args()
-    whole = [row for row in _read(OUT / "campaigns.csv") if (row["driver"], row["mode"]) == ("seqrsm", "budget")]
     path = OUT / "ablation.csv"
     rows = _read(path) if path.exists() else []
     done = {(row["kind"], row["driver"], row["seed"]) for row in rows}
@@ -149,7 +149,7 @@ def main() -> None:
             writer.writeheader()
         for seed in given.seeds:
             for kind in given.kinds:
-                for part in given.parts:
+                for part in (WHOLE, *given.parts):
                     if (kind, part, str(seed)) in done:
                         continue
                     with without(part):
@@ -158,7 +158,7 @@ def main() -> None:
                     writer.writerow(rows[-1])
                     stream.flush()
                     print(*rows[-1].values(), flush=True)
-    (OUT / "ablation.md").write_text(page(rows, whole), encoding="utf-8")
+    (OUT / "ablation.md").write_text(page(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":
