@@ -20,6 +20,7 @@ from seqrsm.campaign.simulation import scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
+from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 
@@ -151,6 +152,11 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
             "and dates, soil moisture, wind, fading, receiver noise and the training sample are drawn from the "
             "campaign's seed and the run's id"
         )
+        if any(utility_of(application.utility).classifies for application in spec.applications):
+            found.append(
+                "all covers are equally probable to the classifier before it sees the image, so that a poor image can "
+                "score less than a guess that names the commonest cover everywhere"
+            )
     return tuple(found)
 
 

@@ -123,6 +123,8 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     assert document["applications"]["cover"]["relative"] is False
     dossier = assemble(Campaign.open(compared))
     assert "candidates" in [section.key for section in build_report(dossier).sections]
+    # A sensor may well score less than a guess does: the report says why.
+    assert any("less than a guess" in text for text in dossier.assumptions)
     text = (compared / "campaign.toml").read_text(encoding="utf-8")
     (compared / "campaign.toml").write_text(text.replace("peak_power = 0.01", "peak_power = 0.02"), encoding="utf-8")
     assert assemble(Campaign.open(compared)).candidates is None  # others were compared
