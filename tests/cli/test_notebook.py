@@ -117,15 +117,37 @@ def test_importing_it_loads_nothing_heavy() -> None:
     assert not loaded & {"numpy", "scipy", "pandas", "numba", "matplotlib", "sqlalchemy", "pydantic"}
 
 
-def test_matrix_libraries_keep_to_one_thread_while_it_computes(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def threads(*_: object, **__: object) -> set[int]:
+@pytest.mark.parametrize(
+    ("method", "place"),
+    [
+        ("issue", "seqrsm.campaign.campaign.Campaign.propose"),
+        ("carry_out", "seqrsm.campaign.campaign.Campaign.simulate"),
+        ("run", "seqrsm.campaign.loop.run_campaign"),
+        ("fit", "seqrsm.campaign.campaign.Campaign.analyse_all"),
+        ("candidates", "seqrsm.campaign.candidates.measure_candidates"),
+        ("status", "seqrsm.campaign.status.campaign_status"),
+        ("report", "seqrsm.campaign.dossier.assemble"),
+    ],
+)
+def test_matrix_libraries_keep_to_one_thread_while_it_computes(
+    tiny: Path, monkeypatch: pytest.MonkeyPatch, method: str, place: str
+) -> None:
+    def threads() -> set[int]:
         return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 
+    class Reached(Exception):  # noqa: N818
+        pass
+
+    def reached(*_: object, **__: object) -> None:
+        raise Reached(threads())
+
     c = seqrsm.Campaign(tiny)
-    monkeypatch.setattr(c.opened, "simulate", threads)
+    monkeypatch.setattr(place, reached)
     with threadpool_limits(limits=2, user_api="blas"):
         assert threads() == {2}
-        assert c.carry_out() == {1}
+        with pytest.raises(Reached) as told:
+            getattr(c, method)()
+        assert told.value.args == ({1},)
         assert threads() == {2}
 
 

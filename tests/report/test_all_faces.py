@@ -8,9 +8,10 @@ import inspect
 import math
 import pkgutil
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -288,14 +289,24 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
     assert small[2].text == "+0.0032 / \u22120.0021"  # of a skill between 0 and 1
 
 
-def _measured(analysis: Analysis, up: float = 6.0, down: float = 1.5) -> Section:
+def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> None:
+    """From 8 to 11, say: in one column, and the smallest with two digits."""
+    best = studied.analyses[0].optimum
+    stretched = dataclasses.replace(best, whole=Interval(best.mean - 11.0, best.mean + 11.0))
+    analysis = dataclasses.replace(studied.analyses[0], optimum=stretched)
+    water = {"category": "Water", "mean_sd": 2.3, "up": 0.01, "down": -0.01}
+    grass, water_left = (row[-1].text for row in _measured(analysis, more=[water]).blocks[-1].rows)
+    assert (grass, water_left) == ("7.9", "11.0")
+
+
+def _measured(analysis: Analysis, up: float = 6.0, down: float = 1.5, more: Sequence[dict[str, Any]] = ()) -> Section:
     """What to measure, where half of the interval is the ground's."""
     best = analysis.optimum
     chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
     known = dataclasses.replace(
         analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=chance)
     )
-    values = [{"category": "Grass", "mean_sd": 2.6, "up": up, "down": down}]
+    values = [{"category": "Grass", "mean_sd": 2.6, "up": up, "down": down}, *more]
     detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "values": values}
     found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail),), "measure")
     assert found is not None

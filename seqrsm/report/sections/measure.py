@@ -39,17 +39,18 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
 
     largest = max(max(abs(value["up"]), abs(value["down"])) for value in values)
     unit, places = found[-1]["unit"], max(score_decimals(analysis), decimals_of_significant(largest, 2), 0)
-    halved = [with_less(0.75 * value["share"]) for value in values[:_SHOWN]]
-    digits = max(decimals_of_significant(width, 2) for width in halved)
+    shown = values[:_SHOWN]
+    halved = [with_less(0.75 * value["share"]) for value in shown]
+    decimals = max(decimals_of_significant(width, 2) for width in halved)
     rows = tuple(
         (
             value["category"],
             f"\u00b1 {format_significant(value['mean_sd'], 2)}{f' {unit}' if unit else ''}",
             f"{format_change(value['up'], places)} / {format_change(value['down'], places)}",
             f"{100.0 * value['share']:.0f} %",
-            format_number(width, digits),
+            format_number(width, decimals),
         )
-        for value, width in zip(values, halved, strict=False)
+        for value, width in zip(shown, halved, strict=True)
     )
     columns = (
         "Cover",
