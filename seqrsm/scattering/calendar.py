@@ -43,7 +43,7 @@ _THETA_DEG: Final = 40.0
 _HELD_DEG: Final = (20.0, 60.0)
 _TILT_DB_PER_DEG: Final = 0.28  # bare soil falls by 0.4 dB a degree, a closed canopy by 0.12
 _CANOPY_LEAST: Final = 0.3  # of the level: more is not laid on the soil
-_C_SD_DB, _CEREAL_SD_DB, _OTHER_SD_DB = (1.0, 1.2), 2.0, 2.5
+_C_SD_DB, _CEREAL_SD_DB, _X_SD_DB = (1.0, 1.2), 2.0, 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,13 +268,14 @@ def _c_band_db(category: str, channel: str) -> FloatArray:
 
 
 def _sd_db(group: str, frequency_ghz: float, cross: int) -> float:
-    """Standard deviation of a course about that of a given ground [dB].
+    """Standard deviation of a cover's course about that of a given ground [dB].
 
-    What sites differ by in C band; assumed elsewhere.
+    What sites differ by in C band. Assumed: the same in L band, where bare fields also share the error of the soil,
+    which a world draws with the soil's level (water clouds leave 1.6 to 3.3 dB of SMAPVEX12's fields, but fields of one
+    crop and day differ by as much); 2.5 dB in X band and above.
     """
     at_c = _CEREAL_SD_DB if group == "cereal" else _C_SD_DB[cross]
-    nodes = np.log([_L_GHZ, _C_GHZ, _X_GHZ])
-    return float(np.interp(math.log(frequency_ghz), nodes, [_OTHER_SD_DB, at_c, _OTHER_SD_DB]))
+    return float(np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ]), [at_c, _X_SD_DB]))
 
 
 @lru_cache(maxsize=64)
