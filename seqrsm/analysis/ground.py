@@ -32,6 +32,9 @@ N_WORLDS, OCCASIONS = 16, 2
 LEVEL_WORLDS = 8
 """Worlds in which other levels of categorical factors are held against the recommended ones."""
 
+COVER_OCCASIONS, MATTERS = 5, 0.05
+"""Occasions on which the mean of a cover is moved that gives a score so much of its variance; others on one."""
+
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""
 

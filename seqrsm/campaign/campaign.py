@@ -8,17 +8,28 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import LEVEL_WORLDS, MEASURED, N_WORLDS, OCCASIONS, RANKED, future_sd, measured_ground
+from seqrsm.analysis.ground import (
+    COVER_OCCASIONS,
+    LEVEL_WORLDS,
+    MATTERS,
+    MEASURED,
+    N_WORLDS,
+    OCCASIONS,
+    RANKED,
+    future_sd,
+    measured_ground,
+    ranked_values,
+)
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import evidence, scored_runs
 from seqrsm.analysis.to_json import look_summary
@@ -322,32 +333,39 @@ class Campaign:
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended.
 
-        And how far other levels of its categorical factors gain more or less from ground to ground.
+        On one occasion, and on more of them for covers that matter there. And how far other levels of its categorical
+        factors gain more or less from ground to ground.
         """
         from seqrsm.campaign.rests_on import mean_sds
-        from seqrsm.campaign.simulation import one_away_tasks
 
         for analysis in analyses:
             settings = analysis.optimum.settings
             sds = mean_sds(self.spec, settings)
-            tasks = one_away_tasks(self.spec, settings, list(sds), self.cells_of_ground())
-            scores = self.scores_of(tasks, analysis.application, workers, cluster)
-            change = np.mean(scores.reshape(-1, OCCASIONS), axis=1)
-            change = (change[1:] - change[0]).reshape(-1, 2)
-            values = [
-                {"category": name, "mean_sd": sd, "up": float(up), "down": float(down)}
-                for (name, sd), (up, down) in zip(sds.items(), change.round(4), strict=True)
-                if np.isfinite(up + down)
-            ]
+            change = self._moved(analysis, list(sds), range(1), workers, cluster)
+            matter = [v["category"] for v in ranked_values(_values(sds, change)) if v["share"] >= MATTERS]
+            for name, more in self._moved(analysis, matter, range(1, COVER_OCCASIONS), workers, cluster).items():
+                change[name] = np.hstack([change[name], more])
             unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
             detail = {
                 "application": analysis.application,
                 "settings": dict(settings),
                 "unit": unit,
-                "values": values,
+                "values": _values(sds, change),
                 "levels": self._other_levels(analysis, workers, cluster),
             }
             self.store.add_event(RANKED, detail, once=("application", "settings"))
+
+    def _moved(
+        self, analysis: Analysis, covers: list[str], occasions: range, workers: int, cluster: str | None
+    ) -> dict[str, FloatArray]:
+        """Change of the score (2, n_occasions) by each cover's mean a standard deviation up, and down."""
+        from seqrsm.campaign.simulation import one_away_tasks
+
+        if not covers:
+            return {}
+        tasks = one_away_tasks(self.spec, analysis.optimum.settings, covers, occasions, self.cells_of_ground())
+        scores = self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(occasions))
+        return dict(zip(covers, (scores[1:] - scores[0]).reshape(len(covers), 2, -1), strict=True))
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
         """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""
@@ -433,3 +451,13 @@ class Campaign:
         from seqrsm.campaign.ingest import ingest_files
 
         return ingest_files(self.store, self.spec, files, dry_run=dry_run, accept=accept)
+
+
+def _values(sds: Mapping[str, float], change: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
+    """What an event keeps of each cover whose mean was moved: its standard deviation, and the mean changes by it."""
+    moved = {name: change[name].mean(axis=1).round(4).tolist() for name in sds}
+    return [
+        {"category": name, "mean_sd": sds[name], "up": up, "down": down}
+        for name, (up, down) in moved.items()
+        if np.isfinite(up + down)
+    ]

@@ -237,12 +237,19 @@ def bundle_tasks(
 
 
 def one_away_tasks(
-    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str], cells: int = 0
+    spec: CampaignSpec,
+    settings: Mapping[str, float | str],
+    covers: Sequence[str],
+    occasions: Sequence[int],
+    cells: int = 0,
 ) -> list[SimulationTask]:
-    """The table's own means, then each cover's mean a standard deviation up, and down; `OCCASIONS` the same of each."""
+    """The table's own means, then each cover's mean a standard deviation up, and down; the same occasions of each."""
     worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]
-    ids = [_BUNDLE + k for k in range(OCCASIONS)]
-    return [replace(task_of(spec, i, settings, cells=cells), world=world) for world in worlds for i in ids]
+    return [
+        replace(task_of(spec, _BUNDLE + occasion, settings, cells=cells), world=world)
+        for world in worlds
+        for occasion in occasions
+    ]
 
 
 def scene_at(path: str) -> Scene:

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
@@ -100,6 +101,35 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
     assert again.detail == last.detail
 
 
+def test_covers_that_matter_are_moved_on_more_occasions(copy, monkeypatch) -> None:
+    """Grass changes the score by 3 up and 6 down but for the occasion, trees by a tenth, bare ground not at all."""
+    campaign = Campaign.open(copy)
+    analyses, moved = campaign.analyse_all(), []
+    effect = {("Grass", 1.0): 3.0, ("Grass", -1.0): -6.0, ("Trees", 1.0): 0.1, ("Trees", -1.0): -0.1}
+
+    def scored(tasks, *_):
+        away = [task for task in tasks if not isinstance(task.world, int)]
+        moved.extend((task.world, task.run_id) for task in away)
+        return np.array([50.0 + effect.get(t.world, 0.0) * (1.0 + t.run_id % 5) for t in tasks])
+
+    monkeypatch.setattr(Campaign, "scores_of", staticmethod(scored))
+    monkeypatch.setattr(Campaign, "_other_levels", lambda *_: [])
+    with sqlite3.connect(copy / "campaign.db") as base:
+        base.execute("delete from events where kind = ?", (RANKED,))
+    base.close()
+    campaign.rank_values(analyses)
+    assert len(moved) == len(set(moved))
+    occasions = {world: [run for at, run in moved if at == world] for world, _ in moved}
+    assert {world: len(runs) for world, runs in occasions.items()} == {
+        None: 5, ("Grass", 1.0): 5, ("Grass", -1.0): 5,
+        ("Trees", 1.0): 1, ("Trees", -1.0): 1, ("Bareground", 1.0): 1, ("Bareground", -1.0): 1,
+    }  # fmt: skip
+    assert set(occasions["Grass", 1.0]) == set(occasions[None])
+    values = {v["category"]: v for v in campaign.store.events(kind=RANKED)[-1].detail["values"]}
+    assert (values["Grass"]["up"], values["Grass"]["down"]) == pytest.approx((9.0, -18.0))
+    assert values["Bareground"]["up"] == 0.0
+
+
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     spec = Campaign.open(copy).spec
     settings = {"polarization": "HH", "resolution": 20.0}
@@ -113,7 +143,7 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
-    away = one_away_tasks(spec, settings, ["Wheat"])
+    away = one_away_tasks(spec, settings, ["Wheat"], range(2))
     plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
     assert down < plain < up
     assert {task.run_id for task in away[::2]} == {away[0].run_id}
