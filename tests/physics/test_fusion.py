@@ -164,7 +164,7 @@ def test_fields_that_forget_themselves_would_make_dates_look_better(monkeypatch)
         other = [image(even, Visit((day,)), 100 * run + k, grass) for k, day in enumerate(days)]
         for found, images in ((kept, same), (anew, other)):
             found.append(percent_correct(images, grass, seed=2, run_id=run).value)
-    assert np.mean(anew) > np.mean(kept) + 3.0
+    assert np.mean(anew) > np.mean(kept) + 1.5
 
 
 def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:

@@ -74,7 +74,7 @@ def test_notes_tell_every_assumption() -> None:
         "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 at 1.25 GHz",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
-        "Wheat HH: field sd 1.25 dB (computed: flevoland), from C band on 1.00 dB (assumed: s1_france_w_fields)",
+        "Wheat HH: field sd 1.57 dB (computed: l_band_fields), from C band on 1.00 dB (assumed: s1_france_w_fields)",
         "correlation of the field-to-field draws of two channels: 0.75 (computed: flevoland)",
     ):
         assert words in text
