@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from seqrsm.cli.console import AsJson, display, guarded, line, print_json
+from seqrsm.cli.console import AsJson, display, guarded, print_json
 from seqrsm.errors import Problem, UserError
 
 
@@ -84,19 +84,19 @@ def catalog(
         print_json(to_json(whole.of(table))) if as_json else show.show_table_of(table)
     else:
         entries, platforms, sensors = search(asked), platforms_called(asked), named.sensors_called(asked)
-        found = bool(entries or platforms or sensors)
-        nearest = [] if found else named.nearest_names(asked, [one.name for one in whole.platforms])
+        if not (entries or platforms or sensors):
+            nearest = named.nearest_names(asked, [one.name for one in whole.platforms])
+            like = f"Similar names: {', '.join(nearest)}. " if nearest else ""
+            remedy = f"{like}`seqrsm catalog` lists the tables."
+            raise UserError(Problem("no sensor, platform or application matches", remedy, field="WORDS", value=asked))
         if as_json:
-            document = {"entries": to_json(entries), "platforms": to_json(platforms), "nearest": nearest}
+            document = {"entries": to_json(entries), "platforms": to_json(platforms)}
             print_json({**document, "sensors": [named.to_json(one) for one in sensors]})
             return
         show.show_sensors(sensors)
         show.show_platforms(platforms)
         if entries:
             show.show_asked_for(entries, asked)
-        if not found:
-            like = f" Similar names: {', '.join(nearest)}." if nearest else ""
-            line(f"No sensor, platform or application matches {asked}.{like} `seqrsm catalog` lists the tables.")
 
 
 @guarded

@@ -409,8 +409,15 @@ def test_catalog_knows_sensors_platforms_and_tables() -> None:
     assert "81.8?" in ok("catalog", "Sentinel-1", "IW", "GRDM")
     assert "Nimbus" in ok("catalog", "A.32")
     assert json.loads(ok("catalog", "a.16", "--json"))[0]["table"] == "A.16"
-    assert "Sentinel-1" in ok("catalog", "Sentinal", "1")
-    assert json.loads(ok("catalog", "qwzzy", "--json"))["nearest"] == []
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_what_the_catalog_does_not_know_is_an_error_that_tells_similar_names(options) -> None:
+    for words, says in ((["Sentinal", "1"], "Similar names: Sentinel-1"), (["qwzzy"], "`seqrsm catalog` lists")):
+        done = CliRunner().invoke(app, ["catalog", *words, *options])
+        assert (done.exit_code, done.stdout) == (2, "")
+        assert says in done.stderr
+        assert f"(got '{' '.join(words)}')" in done.stderr
 
 
 def test_doctor_warms_up() -> None:

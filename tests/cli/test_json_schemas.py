@@ -87,7 +87,6 @@ def test_an_unknown_command_is_told_which_there_are() -> None:
         "catalog",
         "catalog soil moisture",
         "catalog Seasat",
-        "catalog qwertz",
         "catalog A.1",
         "catalog A.32",
         "catalog A.26",
