@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -540,3 +541,12 @@ def test_eight_factors(tmp_path: Path) -> None:
     value = analysis.of_quadratic.value
     some = analysis.model.matrix(analysis.region.sample(100_000, rng)) @ analysis.fit.estimate
     assert value >= some.max()
+
+
+def test_a_run_that_alone_makes_r2_predicted_negative_is_named(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    ends = [(1e-3 * (i % 3) if i % 2 else 10.0 - 1e-3 * (i % 3)) for i in range(12)]
+    rows = [{"x": x, "score": round(50 + 3 * (x < 5) + rng.normal(), 4)} for x in ends] + [{"x": 5.0, "score": 58.0}]
+    _, text, _ = command("fit", make(tmp_path / "c", X, rows))
+    assert re.search(r"R² predicted \(leave-one-out\) +-\d+\n", text)  # and not -11957.573
+    assert "R² predicted is negative because of run 13, whose leverage of 0.999999 leaves little to predict" in text

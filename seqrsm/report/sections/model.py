@@ -128,7 +128,7 @@ def _statistics_table(analysis: Analysis) -> Table:
         ("R\u00b2 adjusted", _known(format_number(fit.r2_adjusted, 3), fit.r2_adjusted, analysis)),
         (
             "R\u00b2 predicted (leave-one-out)",
-            _known(format_number(fit.r2_predicted, 3), fit.r2_predicted, analysis),
+            _known(format_number(fit.r2_predicted, 3 if fit.r2_predicted > -10.0 else 0), fit.r2_predicted, analysis),
         ),
         ("Condition number of the model matrix", number_cell(format_significant(condition, 3), condition)),
     ]
@@ -294,6 +294,14 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
         found.append(f"The model must pass through {_runs(exact)} (leverage 1), so their residuals are uninformative.")
+    if fit.r2_predicted < 0.0:
+        left_out = np.square(fit.residuals / (1.0 - fit.leverage)) * fit.weights
+        worst = int(np.argmax(left_out))
+        if left_out[worst] > 0.5 * fit.press:
+            found.append(
+                f"R\u00b2 predicted is negative because of {_runs(ids[[worst]])}, whose leverage of "
+                f"{format_number(float(fit.leverage[worst]), 6)} leaves little to predict it from."
+            )
     correlation = normal_plot(fit).correlation
     if np.isfinite(correlation):
         found.append(f"Correlation of residuals with normal quantiles: {correlation:.3f}.")
