@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -190,11 +192,12 @@ def _values(page: Any, place: int, file: str) -> AnyArray:
         try:
             if page.photometric == _WHITE_IS_ZERO:
                 raise ValueError("the result would be inverted")
-            with Image.open(file) as picture:
+            with Image.open(file) as picture, _mute():
                 picture.seek(page.index)
                 values = np.asarray(picture)
         except (OSError, EOFError, ValueError) as other:
-            remedy = f"Rewrite it, for instance: gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
+            command = f"gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
+            remedy = f"Rewrite it, for instance: {command}; if that fails too, the file is damaged"
             name = getattr(page.compression, "name", page.compression)
             raise SceneError(Problem(f"compression {name} cannot be undone: {other}", remedy, file)) from error
         axes = "YX" if values.ndim == 2 else "YXS"
@@ -203,6 +206,19 @@ def _values(page: Any, place: int, file: str) -> AnyArray:
     if "S" in axes:
         values = np.take(values, place, axis=axes.index("S"))
     return values.astype(np.uint8) if values.dtype == np.bool_ else values
+
+
+@contextmanager
+def _mute() -> Iterator[None]:
+    """Keep from the terminal what a C library writes there past Python: its error is raised as well, and told once."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _gdal_items(text: Any, place: int) -> dict[str, str]:

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image, TiffImagePlugin
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
@@ -259,3 +260,17 @@ def test_nothing_known_is_refused(files, tmp_path):
     with pytest.raises(SceneError, match=r"none\.tif: no cell has both an elevation and a category"):
         import_scene(**files, out=tmp_path / "s.npz")
     assert not (tmp_path / "s.npz").exists()
+
+
+def test_a_damaged_strip_is_told_once_and_not_by_a_library(files, tmp_path, capfd):
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[33550], tags[33922] = (10.0, 10.0, 0.0), (0.0, 0.0, 0.0, 1000.0, 5000.0, 0.0)
+    tags.tagtype |= {33550: 12, 33922: 12}
+    codes = np.random.default_rng(0).integers(1, 3, (200, 200)).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "lzw.tif", compression="tiff_lzw", tiffinfo=tags)
+    whole = (tmp_path / "lzw.tif").read_bytes()
+    damaged = whole[:500] + bytes(255 - byte for byte in whole[500:4000]) + whole[4000:]
+    (tmp_path / "lzw.tif").write_bytes(damaged)
+    with pytest.raises(SceneError, match="compression LZW cannot be undone.*; if that fails too, the file is damaged"):
+        import_scene(**(files | {"cover": tmp_path / "lzw.tif"}), out=tmp_path / "scene.npz")
+    assert capfd.readouterr().err == ""
