@@ -16,6 +16,8 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
@@ -29,21 +31,15 @@ from seqrsm.fit.target import GeneralModel, Target, build_target, general_target
 from seqrsm.progress import tell
 
 # scipy.stats takes longer to load than a campaign's posterior to sample. emcee has one move, not used here, that wants
-# it: it is kept from emcee's own import, and loaded when somebody else in this process uses that move.
-if not (loaded := "scipy.stats" in sys.modules):
-    sys.modules["scipy.stats"] = None  # type: ignore[assignment]
-import emcee
+# it: the module of that move is loaded when somebody else in this process makes one.
+_KDE = ModuleType("emcee.moves.kde")
+_KDE.KDEMove = lambda *args, **options: import_module(_KDE.__name__).KDEMove(*args, **options)  # type: ignore[attr-defined]
+if "emcee" not in sys.modules:
+    sys.modules[_KDE.__name__] = _KDE
+import emcee  # noqa: E402
 
-
-def _gaussian_kde(*args: Any, **options: Any) -> Any:
-    from scipy.stats import gaussian_kde
-
-    return gaussian_kde(*args, **options)
-
-
-if not loaded:
-    del sys.modules["scipy.stats"]
-    emcee.moves.kde.gaussian_kde = _gaussian_kde
+if sys.modules.get(_KDE.__name__) is _KDE:
+    del sys.modules[_KDE.__name__]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten

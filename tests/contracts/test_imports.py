@@ -64,9 +64,23 @@ def test_engines_load_numba_with_the_first_kernel_that_is_called() -> None:
 def test_sampling_loads_no_part_of_scipy_that_it_does_not_use() -> None:
     assert "scipy.stats" not in loaded_by("import seqrsm.fit.ensemble, seqrsm.campaign.loop, seqrsm.cli.show_fit")
     assert "scipy.stats" in loaded_by("import seqrsm.fit.ensemble, scipy.stats; scipy.stats.norm.cdf(0.0)")
-    theirs = "import emcee, numpy, seqrsm.fit.ensemble; x = numpy.random.default_rng(1).random((9, 2))"
-    theirs += "; emcee.moves.KDEMove().get_proposal(x, [x], numpy.random.RandomState(1))"
-    assert "scipy.stats" in loaded_by(theirs)
+    for order in ("emcee, numpy, seqrsm.fit.ensemble", "seqrsm.fit.ensemble, emcee, numpy"):
+        theirs = f"import {order}; x = numpy.random.default_rng(1).random((9, 2))"
+        theirs += "; emcee.moves.KDEMove().get_proposal(x, [x], numpy.random.RandomState(1))"
+        assert "scipy.stats" in loaded_by(theirs)
+
+
+def test_another_thread_may_load_scipy_stats_while_the_sampler_loads() -> None:
+    found = loaded_by("""
+import sys
+class While:
+    def find_spec(self, name, *_):
+        if name == "emcee.moves.red_blue":
+            import scipy.stats  # as another thread may at any moment
+sys.meta_path.insert(0, While())
+import seqrsm.fit.ensemble
+""")
+    assert "scipy.stats" in found
 
 
 def test_blas_of_the_command_line_keeps_to_one_thread_unless_told() -> None:

@@ -271,6 +271,6 @@ def test_a_damaged_strip_is_told_once_and_not_by_a_library(files, tmp_path, capf
     whole = (tmp_path / "lzw.tif").read_bytes()
     damaged = whole[:500] + bytes(255 - byte for byte in whole[500:4000]) + whole[4000:]
     (tmp_path / "lzw.tif").write_bytes(damaged)
-    with pytest.raises(SceneError, match="compression LZW cannot be undone.*; if that fails too, the file is damaged"):
+    with pytest.raises(SceneError, match=r"compression LZW .*; if that fails too, the file is damaged"):
         import_scene(**(files | {"cover": tmp_path / "lzw.tif"}), out=tmp_path / "scene.npz")
     assert capfd.readouterr().err == ""
