@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,7 @@ from seqrsm.simulate.visits import Visit
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
 
+_NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 _BUNDLE = 2**30  # ids beyond any run's
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
@@ -409,7 +411,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """
     scene = scene_at(str(spec.scene_path))
     points = spec.region.candidates(n_continuous_levels=3, limit=3000)[:3000]
-    found: dict[str, tuple[Problem, list[str]]] = {}
+    found: dict[str, list[tuple[Problem, str]]] = {}  # by what is wrong, whatever its numbers
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
         shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
@@ -419,9 +421,9 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
-                found.setdefault(str(problem), (problem, []))[1].append(shown)
+                found.setdefault(_NUMBERS.sub("0", str(problem)), []).append((problem, shown))
     if found:
-        told = [_sensor_problem(spec, problem, where, len(points)) for problem, where in found.values()]
+        told = [_sensor_problem(spec, met, len(points)) for met in found.values()]
         raise SpecError(*told[:10])
     return tuple(
         f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
@@ -441,11 +443,16 @@ def _examine(task: SimulationTask, scene: Scene) -> list[str]:
     return notes
 
 
-def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], n_points: int) -> Problem:
+def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_points: int) -> Problem:
     """A sensor's problem with its place in campaign.toml: what is wrong everywhere does not lie with a factor."""
+    problem, shown = met[0]
     if problem.file is not None:
         return problem
-    if len(where) == n_points and problem.field not in spec.region.names:
+    alike = all(str(other) == str(problem) for other, _ in met)
+    if alike and len(met) == n_points and problem.field not in spec.region.names:
         return fixed_problem(spec, problem)
-    text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
+    if isinstance(problem.value, float):
+        problem = replace(problem, value=float(f"{problem.value:.10g}"))  # a setting, once more in its own unit
+    where = f"{len(met)} of {n_points} settings, for instance at {shown}"
+    text = f"{str(problem).rstrip('.')}. This happens at {where}"
     return Problem(text, "Narrow the factor's range, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))

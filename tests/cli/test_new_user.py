@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -209,7 +210,18 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     assert "[simulator.fixed] peak_power: missing. Make it a factor or give it under [simulator.fixed]" in missing
     # A band that is too narrow for the finest resolution only lies with the factor.
     narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
-    assert "This happens at polarization = HH, resolution = 10." in narrow
+    assert re.search(
+        r"This happens at \d+ of \d+ settings, for instance at polarization = HH, resolution = 10\.", narrow
+    )
+
+
+def test_a_sensor_that_cannot_be_built_is_told_once_however_many_its_numbers_are(tiny) -> None:
+    text = (tiny / "campaign.toml").read_text(encoding="utf-8")
+    looks = '[[factor]]\nname = "looks"\nlow = 1\nhigh = 1e6\nscale = "log"\n[[application]]'
+    (tiny / "campaign.toml").write_text(text.replace("[[application]]", looks, 1), encoding="utf-8")
+    told = call("check", tiny, code=2)
+    assert told.count("independent samples at the centre of the scene") == 1
+    assert re.search(r"\(got 1000\.0\).* This happens at \d+ of \d+ settings", told)
 
 
 def test_a_form_that_cannot_be_written_issues_no_runs(tiny) -> None:
