@@ -81,7 +81,7 @@ class Reporter:
             header = f"[[{header}]]" if len(location) == 2 and isinstance(location[1], int) else f"[{header}]"
             self.add(location, "a table is expected here", f"Write it as a table: {header}.", value)
         elif kind in _WRONG_TYPE:
-            self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, value), value)
+            self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, location, value), value)
         else:
             message = detail["msg"].removeprefix("Input ").replace("should", "must", 1)
             options = re.findall(r"'([^']*)'", message) if kind == "literal_error" else []
@@ -99,7 +99,9 @@ _WRONG_TYPE = {
 }
 
 
-def _retype(kind: str, value: object) -> str:
+def _retype(kind: str, location: Path, value: object) -> str:
+    if kind == "string_type" and "levels" in location and isinstance(value, int | float):
+        return "Put it in quotes, or give numbers as values = [...] instead of levels."
     if kind == "string_type":
         return "Put it in quotes."
     if kind == "list_type":

@@ -223,6 +223,7 @@ FAULTS = [
     ),
     ('["HH", "VV", "HH+HV"]', '["HH", "HV+HV"]', 'levels = ["HH", "HV+HV"]', "levels no. 2", "HH, HV, VV"),
     ('["HH", "VV", "HH+HV"]', '["HV+HH", "HH+HV"]', 'levels = ["HV+HH", "HH+HV"]', "levels no. 2", "same set"),
+    ('["HH", "VV", "HH+HV"]', '["HH", 2]', 'levels = ["HH", 2]', "levels no. 2", "values = [...] instead of levels"),
     ('["HH", "VV", "HH+HV"]', '["HH", "HH"]', 'levels = ["HH", "HH"]', "factor 'polarization': levels", "twice"),
     ('levels = ["HH", "VV", "HH+HV"]', "low = 0\nhigh = 1", "[[factor]]", "factor 'polarization'", "levels"),
     ("looks <= 4", "looks <=> 4", 'expr = "looks <=> 4', "constraint no. 1: expr", "not an expression"),
