@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from seqrsm.catalog.tables import Entry, Platform, Table, load_catalog
 
-_WORD = re.compile(r"[a-z0-9]+")
+_WORD = re.compile(r"[^\W_]+")
 _TABLE = re.compile(r"a\.?\s*(\d{1,2})", re.IGNORECASE)
 _ENDINGS = (
     "ifications", "ification", "ifying", "ified", "ifies", "ify",

@@ -100,6 +100,8 @@ def _radar_picture(image: RadarImage) -> Picture:
         }
     radar = image.radar
     levels = quantised_picture(image)
+    fewest, most = (f"{looks:.3g}" for looks in (image.looks.min(), image.looks.max()))
+    looks = f"{fewest} to {most} looks" if fewest != most else f"{most} look{'s' * (most != '1')}"
     return Picture(
         channels=radar.channels,
         values=image.apparent_sigma0().astype(np.float64),
@@ -109,7 +111,7 @@ def _radar_picture(image: RadarImage) -> Picture:
         n_bits=radar.n_bits,
         pixel_of_cell=image.pixel_of_cell,
         quarter_turns=image.quarter_turns,
-        remark=f"{image.looks.min():.3g} to {image.looks.max():.3g} looks; {remark}",
+        remark=f"{looks}; {remark}",
         arrange=arrange,
         levels=levels if radar.calibrated else None,
         arrays={

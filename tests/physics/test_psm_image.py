@@ -13,6 +13,7 @@ from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scene.layers import fill_gaps
 from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.swath import ground_ranges_m
+from seqrsm.simulate.pictures import picture_of
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
 from seqrsm.simulate.radar.frame import make_frame
@@ -32,6 +33,12 @@ def binned(p, r, first=-400, n_bins=3000):
 
 def quiet(s, r, table=None, **options):
     return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
+
+
+@pytest.mark.parametrize(("looks", "says"), [(1.0, "1 look;"), (3.0, "3 looks;"), (None, " to ")])
+def test_equal_looks_everywhere_are_no_range(looks, says):
+    image = quiet(scene(np.zeros((60, 20)), 10.0), radar(resolution_m=30.0, looks=looks))
+    assert says in picture_of(image).remark
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 1e-6)])

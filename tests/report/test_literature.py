@@ -18,6 +18,7 @@ from seqrsm.report.sections.literature import catalogue_words, comparisons, lite
         ("ground-cover", "", "land use"),
         ("utility", "How well is soil moisture seen?", "soil moisture"),
         ("best", "radar of the site", None),
+        ("cover", "Radar für Straße & Feld, e.g. <b>", None),
     ],
 )
 def test_words_are_the_longest_the_tables_know(name, description, asked):

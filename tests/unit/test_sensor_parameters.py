@@ -155,6 +155,7 @@ def test_reports_show_unit_and_label_of_the_row(engine, row):
     assert fixed_unit(row.name, "word") == ""
     assert fixed_label(row.name) == fixed_label(row.field) or row.name == "pattern_file"
     assert "_" not in fixed_label(row.name)
+    assert not {"prf", "adc", "agc", "n"} & set(fixed_label(row.name).split())  # no word, and a capital is missing
 
 
 @each_sensor

@@ -124,7 +124,8 @@ def _phrases(words: tuple[str, ...], longest: int = 4) -> Iterator[str]:
     for length in range(min(longest, len(words)), 0, -1):
         for first in range(len(words) - length + 1):
             phrase = words[first : first + length]
-            if not set(phrase) <= _GENERIC or " ".join(phrase) in SAME_IN_THE_TABLES:
+            says = {word for word in phrase if len(word) > 2} - _GENERIC  # "e" is in every "e.g."
+            if says or " ".join(phrase) in SAME_IN_THE_TABLES:
                 yield " ".join(phrase)
 
 
