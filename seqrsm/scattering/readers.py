@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,8 +33,10 @@ _MAX_BYTES: Final = 50_000_000
 
 def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> Problem:
     """A cover that a table of this quantity has not."""
+    near = difflib.get_close_matches(name.capitalize(), known, n=1)
+    like = f"Did you mean {near[0]}? " if near else ""
     remedy = (
-        f"The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its rows in a "
+        f"{like}The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its rows in a "
         "table of your own"
     )
     return Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)

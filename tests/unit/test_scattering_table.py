@@ -153,6 +153,8 @@ def test_errors_name_what_is_missing() -> None:
     with pytest.raises(ScatteringDataError) as caught:
         TABLE.lookup(["Rice", "Wheat", "Tundra"], 30.0, "HH")
     assert len(caught.value.problems) == 3
+    with pytest.raises(ScatteringDataError, match=r"\(got 'corn'\)\. Did you mean Corn\?"):
+        TABLE.lookup(["corn"], 3.0, "HH")
 
 
 def test_vh_is_hv_and_repeats_are_allowed() -> None:
