@@ -220,7 +220,8 @@ def check(
     if not as_json:
         if result.target_problem:
             line(f"Warning: {result.target_problem}")
-        line("No problems found.")
+        else:
+            line("See the notes on parts of the region." if result.combinations else "No problems found.")
 
 
 @app.command()

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_campaign import make_tiny
+from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
@@ -157,6 +157,14 @@ def test_check_groups_its_statements_and_tells_all_when_asked(tmp_path, tiny_sce
     assert short.stdout.count("\n- ") < 15 < long.stdout.count("\n- ")
     assert "with those on single covers" in short.stdout
     assert short.stdout.rstrip().endswith("No problems found.")
+    for old, new, ends in (
+        ("peak_power = 1000.0", "peak_power = 0.001", "See the notes on parts of the region."),
+        ("half_width = 16.0", "half_width = 0.5", None),
+    ):
+        make_tiny(tmp_path / new, tiny_scene, TINY.replace(old, new))
+        told = CliRunner().invoke(app, ["check", str(tmp_path / new)]).stdout.rstrip()
+        assert "No problems found." not in told
+        assert told.endswith(ends or "")
 
 
 @pytest.mark.parametrize("command", [["catalog", "soil", "moisture"], ["init", "--list"], ["catalog"]])
