@@ -36,8 +36,8 @@ def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> 
     near = difflib.get_close_matches(name.capitalize(), known, n=1)
     like = f"Did you mean {near[0]}? " if near else ""
     remedy = (
-        f"{like}The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its rows in a "
-        "table of your own"
+        f"{like}The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its "
+        "rows in a table of your own"
     )
     return Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)
 
