@@ -51,6 +51,7 @@ from seqrsm.report.blocks import (
     Paragraph,
     Report,
     Section,
+    Table,
     right,
     table,
 )
@@ -360,6 +361,32 @@ def test_candidates_are_in_all_faces(capsys) -> None:
     assert panel.data is not None
     assert panel.data().rows[0][1:4] == (-5.7, -6.9, -4.5)
     assert candidate_section(None) is None
+
+
+def test_candidates_of_scores_between_0_and_1_are_told_apart() -> None:
+    row = COMPARED["candidates"][0] | {"score": 0.2043, "difference": -0.2067, "owed_to": []}
+    row |= {"confidence": {"low": -0.2143, "high": -0.1991}, "one_ground": {"low": -0.38, "high": -0.05}}
+    row["places"] = [{**row["places"][0], "score": 0.2043}]
+    found = {**COMPARED, "optimum": 0.4184, "sufficient": 0.35, "unit": "", "candidates": [row]}
+    section = candidate_section({"applications": {"crops": found}})
+    assert section is not None
+    told = " ".join(of_blocks(section.blocks, terminal=True))
+    assert "optimum's score is 0.418" in told
+    assert "score 0.204;" in told
+    (cells,) = next(block for block in section.blocks if isinstance(block, Table)).rows
+    assert [cell.text for cell in cells[2:5]] == ["0.204", "\u22120.207", "\u22120.214 to \u22120.199"]
+
+
+def test_more_candidates_than_a_page_holds_are_drawn_in_parts_on_one_scale() -> None:
+    rows = [COMPARED["candidates"][0] | {"name": f"sensor {k}", "difference": -0.1 * k} for k in range(62)]
+    rows[61] = rows[61] | {"one_ground": {"low": -40.0, "high": 3.0}}
+    section = candidate_section({"applications": {"crops": {**COMPARED, "candidates": rows}}})
+    assert section is not None
+    panels = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
+    assert [len(panel.data().rows) for panel in panels] == [9, 9, 9, 9, 9, 9, 8]
+    assert panels[1].title == "Candidates 10 to 18 of 62 against the optimum, crops"
+    assert len({panel.name for panel in panels}) == 7
+    assert all("\u221240" in panel.svg for panel in panels)
 
 
 BY_REPORT = {

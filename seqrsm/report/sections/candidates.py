@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,7 @@ from seqrsm.sensor.exchange import PROPERTIES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_ROWS_OF_PAGE = 20
 _NAMES = {
     "frequency_ghz": "frequency", "bandwidth_mhz": "bandwidth", "resolution_range_m": "range resolution",
     "resolution_azimuth_m": "azimuth resolution", "incidence_near_deg": "near incidence",
@@ -68,9 +70,10 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
         rule = (
             f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
         )
-    optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], 1), unit)}"
+    digits = _digits(found)
+    optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], digits), unit)}"
     if found.get("simulated") is not None:
-        simulated = with_unit(format_number(found["simulated"], 1), unit)
+        simulated = with_unit(format_number(found["simulated"], digits), unit)
         optimum += f" by the fit and {simulated} on the occasions on which candidates are simulated"
     blocks: list[Block] = [
         Paragraph(
@@ -81,16 +84,21 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
         )
     ]
     if told:
-        blocks += [_picture(name, told, found), _table(told, unit, level)]
+        blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
     if any(row.get("owed_to") for row in told):
-        blocks.append(_owed(told, unit))
-    notes = [_note(row) for row in told]
+        blocks.append(_owed(told, unit, digits))
+    notes = [_note(row, digits) for row in told]
     notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in rows if row["how"] == "none"]
     notes = [note for note in notes if note]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
-def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str) -> Block:
+def _digits(found: Mapping[str, Any]) -> int:
+    """Decimals of a score: one of percent, three of what lies between 0 and 1."""
+    return 1 if abs(found["optimum"]) > 1.0 else 3
+
+
+def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str, digits: int) -> Block:
     columns: tuple[Head, ...] = (
         "Sensor",
         right("Pr(suffices)", "%"),
@@ -100,11 +108,11 @@ def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str) -> Block:
         right(f"One ground, {level}", unit),
         "Method",
     )
-    return table("Candidates, by probability of sufficing", columns, map(_row, rows), sortable=True)
+    return table("Candidates, by probability of sufficing", columns, (_row(row, digits) for row in rows), sortable=True)
 
 
-def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
-    places = _places(row)
+def _row(row: Mapping[str, Any], digits: int) -> tuple[Cell, ...]:
+    places = _places(row, digits)
     ends = (format_range(*_ends(row, name), places) for name in ("confidence", "one_ground"))
     return (
         Cell(row["name"]),
@@ -116,14 +124,14 @@ def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
     )
 
 
-def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
+def _owed(rows: Sequence[Mapping[str, Any]], unit: str, digits: int) -> Block:
     found = [row for row in rows if row.get("owed_to")]
     seen = {one["property"] for row in found for one in row["owed_to"]}
     names = [name for name in (*PROPERTIES, "dates") if name in seen]
     cells = []
     for row in found:
         own = {one["property"]: one for one in row["owed_to"]}
-        cells.append((Cell(row["name"]), *(_share(own.get(name)) for name in names)))
+        cells.append((Cell(row["name"]), *(_share(own.get(name), digits) for name in names)))
     heads: tuple[Head, ...] = ("Sensor", *(right(name.capitalize(), unit) for name in names))
     caption = (
         "Change of the optimum's score when one property takes the candidate's value, with half-widths; the changes "
@@ -132,25 +140,25 @@ def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
     return table(caption, heads, cells)
 
 
-def _share(one: Mapping[str, Any] | None) -> Cell:
+def _share(one: Mapping[str, Any] | None, digits: int) -> Cell:
     if one is None:
         return Cell(NOTHING)
     low, high = _ends(one)
-    half, places = 0.5 * (high - low), _places(one)
+    half, places = 0.5 * (high - low), _places(one, digits)
     return Cell(f"{format_number(one['difference'], places)} \u00b1 {format_number(half, places)}", one["difference"])
 
 
-def _places(one: Mapping[str, Any]) -> int:
-    """Decimals that the confidence interval of a difference supports, at least none and not more than two."""
+def _places(one: Mapping[str, Any], digits: int) -> int:
+    """Decimals that the confidence interval of a difference supports, at least none and one more than a score's."""
     low, high = _ends(one)
-    return min(max(decimals_for(0.5 * (high - low)), 0), 2)
+    return min(max(decimals_for(0.5 * (high - low)), 0), digits + 1)
 
 
 def _ends(one: Mapping[str, Any], name: str = "confidence") -> tuple[float, float]:
     return one[name]["low"], one[name]["high"]
 
 
-def _note(row: Mapping[str, Any]) -> str:
+def _note(row: Mapping[str, Any], digits: int) -> str:
     """Places of the swath, dates, and what is not checked of a sensor."""
     parts = []
     places = row.get("places") or []
@@ -160,7 +168,7 @@ def _note(row: Mapping[str, Any]) -> str:
             parts.append(f"cell {cells}\u00a0m")
         if "looks" in places[0]:
             angles = " / ".join(f"{one['incidence_deg']:.0f}" for one in places)
-            scores = " / ".join(format_number(one["score"], 1) for one in places)
+            scores = " / ".join(format_number(one["score"], digits) for one in places)
             noise = " / ".join(format_number(one["noise_db"], 1) for one in places)
             looks = format_significant(places[len(places) // 2]["looks"], 2)
             parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
@@ -183,15 +191,24 @@ def _note(row: Mapping[str, Any]) -> str:
 
 
 def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
-    size = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(rows)}
-    alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
-    title = f"Candidates against the optimum, {name}"
-    panel = drawing.panel(title, alt, partial(_paint, rows, found), f"candidates {name}", partial(_data, rows), **size)
+    # More than a page holds are drawn in parts, two a page, on one scale.
+    size = len(rows) if len(rows) <= _ROWS_OF_PAGE else math.ceil(len(rows) / math.ceil(2 * len(rows) / _ROWS_OF_PAGE))
+    ends = [end for row in rows for end in _ends(row, "one_ground")]
+    span = (min(ends), max(ends)) if size < len(rows) else None
+    panels = []
+    for first in range(0, len(rows), size):
+        part = rows[first : first + size]
+        shape = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(part)}
+        alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in part)
+        places = f" {first + 1} to {first + len(part)} of {len(rows)}" if span else ""
+        title = f"Candidates{places} against the optimum, {name}"
+        paint, data = partial(_paint, part, found, span), partial(_data, part)
+        panels.append(drawing.panel(title, alt, paint, f"candidates{places} {name}", data, **shape))
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "(thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
-    return FigureBlock(lambda: (panel,), under, columns=1)
+    return FigureBlock(lambda: tuple(panels), under, columns=1)
 
 
 def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
@@ -204,7 +221,9 @@ def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
     )
 
 
-def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], axes: Axes) -> None:
+def _paint(
+    rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], span: tuple[float, float] | None, axes: Axes
+) -> None:
     for k, row in enumerate(reversed(rows)):
         axes.plot(_ends(row, "one_ground"), (k, k), color=drawing.MUTED, linewidth=1.0)
         axes.plot(_ends(row), (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")
@@ -214,5 +233,7 @@ def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], axes: Ax
     axes.axvline(edge, color=drawing.ORANGE, linestyle="--", linewidth=1.0)
     axes.set_yticks(range(len(rows)), [f"{row['name']} ({format_share(row['probability'])})" for row in reversed(rows)])
     axes.set_ylim(-0.6, len(rows) - 0.4)
+    if span is not None:
+        axes.scatter(span, (0.0, 0.0), s=0.0)
     axes.set_xlabel(heading("score minus the optimum's", found["unit"]))
     axes.grid(visible=True, axis="x")
