@@ -14,7 +14,7 @@ from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
 from seqrsm.campaign.status import latest_look
-from seqrsm.design.factors import CategoricalFactor, settings_text, span
+from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
@@ -224,9 +224,14 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
     problems = []
     for j in region.numeric:
         factor = region.factors[j]
-        if abs(point[0, j]) > 1.0 + 1e-9 and not isinstance(factor, CategoricalFactor):
-            low, high = span(factor)
-            remedy = f"Give {low:g} to {high:g} {factor.unit}".rstrip()
+        if isinstance(factor, DiscreteFactor):
+            inside = bool(factor.match(point[0, j])[1])
+            allowed = " or ".join(f"{value:g}" for value in factor.values)
+        else:
+            assert isinstance(factor, ContinuousFactor)
+            inside, allowed = abs(point[0, j]) <= 1.0 + 1e-9, f"{factor.low:g} to {factor.high:g}"
+        if not inside:
+            remedy = f"Give {allowed} {factor.unit}".rstrip()
             field = f"--set {factor.name}"
             problems.append(Problem("outside the campaign's region", remedy, field=field, value=settings[factor.name]))
     shown = ", ".join(f"{name} = {value}" for name, value in region.decode(point)[0].items())

@@ -461,7 +461,8 @@ def tradeoff(
             occasions=occasions,
             progress=partial(shown.count, "measuring"),
         )
-    print_json(result) if as_json else show_blocks(tradeoff_blocks(result, spec.applications[0].score_unit))
+    units = {one.name: one.score_unit for one in spec.applications}
+    print_json(result) if as_json else show_blocks(tradeoff_blocks(result, units))
 
 
 @app.command()

@@ -262,7 +262,7 @@ def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
     told = " ".join(of_blocks(section.blocks, terminal=True))
     for text in ("2 x 2 cells averaged", "no line of sight"):
         assert text in told
-    blocks = tuple(tradeoff_blocks(measured, "percent"))
+    blocks = tuple(tradeoff_blocks(measured, dict.fromkeys(measured["simulation"]["applications"], "percent")))
     in_all_faces(without_pictures((Section("s", "S", blocks),)), capsys)
 
 

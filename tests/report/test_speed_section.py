@@ -9,7 +9,7 @@ from report_dossiers import flight_dossier, simulated_dossier
 
 from seqrsm.campaign.tradeoff import COARSENED
 from seqrsm.report.blocks import Paragraph, Table
-from seqrsm.report.sections.speed import speed_section
+from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
 from seqrsm.store.records import EventRecord
 
 
@@ -61,3 +61,15 @@ def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
 
 def test_no_section_without_a_simulator(tmp_path: Path) -> None:
     assert speed_section(flight_dossier(tmp_path)) is None
+
+
+def test_each_application_is_told_in_its_own_unit_and_digits() -> None:
+    small = {**row(2, 0.1, 0.0031), "bias": -0.0012, "utility_lost": 0.0007}
+    applications = {"cover": [row(0, 1.0, 0.0), row(2, 0.1, 0.3)], "moisture": [small]}
+    simulation = {**MEASURED["simulation"], "applications": applications, "tolerance": 0.002}
+    one, other = tradeoff_blocks({"simulation": simulation}, {"cover": "percent", "moisture": "m3/m3"})
+    assert [column.unit for column in one.columns[4:7]] == ["percent"] * 3
+    assert [column.unit for column in other.columns[4:7]] == ["m3/m3"] * 3
+    assert "accepted: 0.002 m3/m3" in other.caption.replace("\u00a0", " ")
+    assert [cell.text.partition(" ")[0] for cell in other.rows[0][4:6]] == ["\u22120.0012", "0.0031"]
+    assert one.rows[1][5].text == "0.30"

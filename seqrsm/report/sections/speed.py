@@ -9,7 +9,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.status import simulated_by
 from seqrsm.campaign.tradeoff import COARSENED
 from seqrsm.report.blocks import Block, Bullets, Cell, Head, Paragraph, Section, right, table
-from seqrsm.report.rounding import format_number, format_plain, format_significant
+from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import ground_name, listing, number_cell, significant_cell, whole_cell, with_unit
 
 
@@ -21,7 +21,8 @@ def speed_section(dossier: Dossier) -> Section | None:
     grounds = simulated_by(dossier.runs)
     if measured is None and simulator.tolerance == 0.0 and all(one["averaged"] == 1 for one in grounds):
         return None
-    unit = dossier.spec.applications[0].score_unit
+    units = {one.name: one.score_unit for one in dossier.spec.applications}
+    unit = next(iter(units.values())) if len(set(units.values())) == 1 else ""
     how = "on the full scene"
     if simulator.tolerance > 0.0:
         accepted = with_unit(format_plain(simulator.tolerance), unit)
@@ -41,55 +42,57 @@ def speed_section(dossier: Dossier) -> Section | None:
         text = f"Rms difference of scores, by the cells left along a side of a pixel: {differences}. "
         blocks.append(Paragraph(text + "The intervals do not include it."))
     if measured is not None:
-        blocks += tradeoff_blocks(measured, unit)
+        blocks += tradeoff_blocks(measured, units)
     return Section("speed", "Speed and accuracy of the simulations", tuple(blocks))
 
 
-def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
+def tradeoff_blocks(measured: Mapping[str, Any], units: Mapping[str, str]) -> list[Block]:
     """What ``seqrsm tradeoff`` measured: coarser databases against the one as it is.
 
     Parameters
     ----------
     measured : Mapping
         From `seqrsm.campaign.tradeoff.measure_tradeoff`.
-    unit : str
-        Of the scores.
+    units : Mapping
+        Of the scores of each application.
     """
     simulation = measured["simulation"]
     tolerance = simulation["tolerance"]
-    accepted = f" (accepted: {with_unit(format_plain(tolerance), unit)})" if tolerance > 0.0 else ""
-    columns: tuple[Head, ...] = (
-        right("Minimum cells per pixel side"),
-        right("Cells averaged"),
-        right("Time per run", "ms"),
-        right("Time relative to full scene", "%"),
-        *(right(title, unit) for title in ("Bias \u00b1 s.e.", "Rms error", "Largest error")),
-        right("Rank correlation"),
-        right("Utility lost \u00b1 s.e.", unit),
-    )
     blocks: list[Block] = []
     for name, rows in ((name, rows) for name, rows in simulation["applications"].items() if rows):
+        unit = units.get(name, "")  # of an application that has another name by now
+        accepted = f" (accepted: {with_unit(format_plain(tolerance), unit)})" if tolerance > 0.0 else ""
+        columns: tuple[Head, ...] = (
+            right("Minimum cells per pixel side"),
+            right("Cells averaged"),
+            right("Time per run", "ms"),
+            right("Time relative to full scene", "%"),
+            *(right(title, unit) for title in ("Bias \u00b1 s.e.", "Rms error", "Largest error")),
+            right("Rank correlation"),
+            right("Utility lost \u00b1 s.e.", unit),
+        )
+        places = max(decimals_for(max(row["rms_error"] for row in rows)), 2)  # scores may lie between 0 and 1
         caption = (
             f"Coarsened scenes against the full scene for {name}{accepted}, {rows[-1]['configurations']} "
             f"configurations and {rows[-1]['occasions']} occasions. Cells are averaged while the minimum number per "
             "pixel side remains. Time: CPU time. Utility lost: by choosing the configuration that scores best on the "
             "coarsened scene"
         )
-        blocks.append(table(caption, columns, map(_row, rows)))
+        blocks.append(table(caption, columns, (_row(row, places) for row in rows)))
     notes = [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
-def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
+def _row(row: Mapping[str, Any], places: int) -> tuple[Cell, ...]:
     rank = row["rank_correlation"]
     return (
         Cell(f"{row['cells']} cells" if row["cells"] else "all"),
         Cell(listing([f"{k} x {k}" for k in row["averaged"]])),
         significant_cell(1000.0 * row["seconds"]),
         number_cell(format_significant(100.0 * row["time_ratio"], 3), row["time_ratio"]),
-        Cell(f"{format_number(row['bias'], 2)} \u00b1 {format_number(row['bias_se'], 2)}", row["bias"]),
-        number_cell(format_number(row["rms_error"], 2), row["rms_error"]),
-        number_cell(format_number(row["largest_error"], 2), row["largest_error"]),
+        Cell(f"{format_number(row['bias'], places)} \u00b1 {format_number(row['bias_se'], places)}", row["bias"]),
+        number_cell(format_number(row["rms_error"], places), row["rms_error"]),
+        number_cell(format_number(row["largest_error"], places), row["largest_error"]),
         Cell("none") if rank is None else number_cell(format_number(rank, 2), rank),
-        Cell(f"{format_number(row['utility_lost'], 2)} \u00b1 {format_number(row['utility_lost_se'], 2)}"),
+        Cell(f"{format_number(row['utility_lost'], places)} \u00b1 {format_number(row['utility_lost_se'], places)}"),
     )
