@@ -431,7 +431,7 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
     sampled = radar.prf_hz / radar.n_transmit
     if radar.scan == "slar" and sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
         need = radar.n_transmit * 2.0 * radar.speed_m_s / radar.antenna_length_m
-        text = f"{radar.n_transmit} transmit polarizations need two pulses each per antenna length flown"
+        text = f"each transmit polarization (here {radar.n_transmit}) needs two pulses per antenna length flown"
         found.append(at_fault(radar, "prf_hz", text, f"Use at least {rounded_up(need)} Hz"))
     if radar.pulse_length_us * 1e-6 * radar.prf_hz >= 1.0:
         remedy = f"Keep it below {rounded_down(1e6 / radar.prf_hz)} us"

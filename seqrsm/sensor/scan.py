@@ -200,7 +200,7 @@ def _conical_geometry(
         notes=(
             f"conical scan: a beam of {length:.4g} by {width:.4g} m moves {smear * width:.4g} m while it integrates; "
             f"{covered}{', gaps between' if advance > length else ''}",
-            f"its arc lies {behind:.3g} m farther back at the scene's sides, which is left out",
+            f"arc of the scan: it lies {behind:.3g} m farther back at the scene's sides, which is left out",
         ),
     )
 

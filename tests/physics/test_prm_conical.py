@@ -50,6 +50,12 @@ def test_flat_ground_is_seen_at_one_incidence_and_slopes_at_their_own(theta: flo
     np.testing.assert_allclose(tilted.mean_k, brightness(local), atol=0.02)
 
 
+def test_notes_of_a_scan_begin_with_their_kind() -> None:
+    """By which `check` counts at how many settings each is met."""
+    notes = scan_geometry(radiometer(conical_incidence_deg=55.0), 6000.0, 4000.0, 1000.0).notes
+    assert [note.partition(": ")[0] for note in notes] == ["conical scan", "arc of the scan"]
+
+
 @pytest.mark.parametrize(("heading", "behind"), [(90.0, slice(41, 43)), (270.0, slice(38, 40))])
 def test_a_wall_hides_the_ground_behind_it_as_far_as_its_height_goes_at_that_angle(
     heading: float, behind: slice
