@@ -76,8 +76,8 @@ class CheckResult:
         Share of its variance that is one ground against another; 0 without a simulator.
     noise_source : str
         Where ``noise`` comes from.
-    cost : float
-        Of the whole budget, in the campaign's cost unit.
+    cost, cost_unit : float, str
+        Of the whole budget.
     target_problem : str
         Why the stop target may be out of reach; empty if it is not.
     notes, covers : tuple of str
@@ -118,6 +118,7 @@ class CheckResult:
     target: float = float("nan")
     unit: str = ""
     refused: str = ""
+    cost_unit: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -178,6 +179,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         ground_share=share,
         noise_source=known.noise_source,
         cost=rule.max_runs * spec.cost.of(spec.own_source),
+        cost_unit=spec.cost.unit,
         target_problem=problem,
         notes=known.notes,
         covers=covers,

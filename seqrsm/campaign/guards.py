@@ -91,6 +91,7 @@ def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[f
         rows = [row for row in file.scores if row.application == application.name]
         new = [row.score for row in rows]
         values = np.array([*new, *known.get(application.name, ())])
+        fractions = application.is_percent and application.goal == "maximize" and 0.0 < max(values, default=0.0) <= 1.0
         far = _far(values) & (not application.is_percent)  # a percentage has bounds, and near them scores crowd
         for row, is_far in zip(rows, far, strict=False):
             alone, found = len(values) < _LEAST_SCORES, None
@@ -98,6 +99,8 @@ def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[f
                 found = "usually marks a missing value", "Leave the cell empty if there is none."
             elif application.is_percent and 0.0 < row.score <= 1.0 and float(np.median(values)) > 5.0:
                 found = "a fraction among percentages", f"Did you mean {100 * row.score:g} percent?"
+            elif fractions:
+                found = "no score is above 1 percent", "Are they fractions? Give percentages."
             elif is_far:
                 others = np.delete(values, np.flatnonzero(far))
                 ends = f"{others.min():g} to {others.max():g}"

@@ -247,10 +247,6 @@ def file_messages(
         messages.append(f"{count} no score yet and may be ingested later (lines {_few(file.unscored)}).")
     if spec.model.block is not None and any(not run.block for run in runs):
         messages.append(f"Some rows are empty in the block column '{spec.model.block}'.")
-    for application in spec.applications:
-        scores = [score.score for score in file.scores if score.application == application.name]
-        if application.is_percent and len(scores) > 1 and 0.0 < max(scores) <= 1.0:
-            messages.append(f"All scores of '{application.name}' are at most 1 percent: are they fractions?")
     return messages
 
 
@@ -268,8 +264,8 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
     if outcome.moved:
-        text = f"{len(outcome.moved)} proposed runs were made at other settings ({_few(outcome.moved)})"
-        messages.append(f"{text}; both are kept.")
+        count = "1 proposed run was" if len(outcome.moved) == 1 else f"{len(outcome.moved)} proposed runs were"
+        messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")
     if outcome.equal:
         lines = _few([row.line for row in outcome.equal])
         messages.append(

@@ -86,9 +86,10 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     units = {application["unit"] for application in result["applications"]}
     target = with_unit(format_plain(result["target_half_width"]), units.pop() if len(units) == 1 else "")
+    cost = result["cost_spent"]
     rows = [
         ["runs", states],
-        ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
+        ["budget", f"{result['max_runs']} runs; cost spent {with_unit(f'{cost:g}', spec.cost.unit)}"],
         ["target", f"{watched_interval(spec.stop)}, \u00b1 {target} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:

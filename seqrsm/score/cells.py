@@ -231,8 +231,8 @@ class CellReader:
             if cells == self.table.header:
                 self.add("this is the header again", "Remove the line.", line)
             elif len(cells) != width and any(cell.strip() for cell in cells[width:]) | (len(cells) < width):
-                remedy = "Every row needs a cell for each column; decimal commas require semicolons as separators"
-                self.add(f"the row has {len(cells)} cells, the header {width}", remedy + " cells.", line)
+                remedy = "Every row needs a cell for each column; decimal commas need semicolons between the cells."
+                self.add(f"the row has {len(cells)} cells, the header {width}", remedy, line)
             else:
                 yield line, cells
 
@@ -290,6 +290,8 @@ class CellReader:
             remedy = "A spreadsheet turned a number into a date: set the column format to 'Text' and enter it again."
         elif text.casefold() in _WORDS_FOR_NOTHING:
             remedy = "Leave the cell empty if there is no value."
+        elif text.endswith("%") and column in ("score", "se"):
+            remedy = f"Remove the percent sign; the header may be: {column} [%]."
         elif text.isalpha() or text.endswith("%"):
             remedy = "Units go into the header, as frequency [GHz]; remove lines that are not runs."
         elif "," in text and self.table.delimiter == ",":

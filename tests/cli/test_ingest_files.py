@@ -212,9 +212,19 @@ def test_export_comes_back_without_doubles_and_without_formulas(make):
     assert [(r["run_id"], r["scores"]) for r in folder.runs()] == [(r["run_id"], r["scores"]) for r in before]
 
 
-def test_fractions_are_remarked(make):
+def test_fractions_are_held_back(make):
+    folder, text = make(), f"{HEADER}\n1.5,12,HH,0.7\n1.5,12,VV,0.6\n"
+    told = folder.ingest(text, code=2)
+    assert "scores.csv:2: score: no score is above 1 percent (so 1 more row: line 3) (got 0.7). Are they fract" in told
+    assert folder.runs() == []
+    assert "2 new runs" in folder.ingest(text, "--accept")
+
+
+def test_a_percent_sign_is_told_where_it_may_stand(make):
     folder = make()
-    assert "are they fractions" in folder.ingest(f"{HEADER}\n1.5,12,HH,0.7\n1.5,12,VV,0.6\n")
+    told = folder.ingest(f"{HEADER}\n1.5,12,HH,70.48 %\n", code=2)
+    assert "score: this is not a number (got '70.48 %'). Remove the percent sign; the header may be: score [%]." in told
+    folder.ingest(f"{HEADER} [%]\n1.5,12,HH,70.48\n")
 
 
 # -- rankings ---------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_campaign import X, make, quadratic
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
@@ -282,3 +283,11 @@ def test_a_closed_pipe_is_no_error(command: str, stream: str) -> None:
     os.close(write)
     assert done.returncode in (0, 141)
     assert not done.stderr
+
+
+def test_a_cost_is_told_in_its_unit(tmp_path: Path) -> None:
+    folder = make(tmp_path / "c", X, quadratic(), '[model]\norder = 1\n[cost]\nunit = "kEUR"\nflight = 12.5\n')
+    for command, says in (("check", "cost 1000 kEUR"), ("status", "cost spent 300 kEUR"), ("rehearse", "kEUR")):
+        more = ("--campaigns", "10") if command == "rehearse" else ()
+        told = CliRunner().invoke(app, [command, str(folder), *more]).stdout.replace("\u00a0", " ")
+        assert says in told, told

@@ -21,7 +21,7 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         ("model terms", str(result.n_terms)),
         ("initial design", f"{result.start_runs} runs"),
         ("minimum runs to stop", str(result.min_runs)),
-        ("budget", f"{result.max_runs} runs, cost {format_plain(result.cost)}"),
+        ("budget", f"{result.max_runs} runs, cost {with_unit(format_plain(result.cost), result.cost_unit)}"),
     ]
     if math.isfinite(result.seconds_per_run):
         each, total = format_significant(result.seconds_per_run, 2), result.seconds_per_run * result.max_runs
