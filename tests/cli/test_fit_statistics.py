@@ -550,3 +550,9 @@ def test_a_run_that_alone_makes_r2_predicted_negative_is_named(tmp_path: Path) -
     _, text, _ = command("fit", make(tmp_path / "c", X, rows))
     assert re.search(r"R² predicted \(leave-one-out\) +-\d+\n", text)  # and not -11957.573
     assert "R² predicted is negative because of run 13, whose leverage of 0.999999 leaves little to predict" in text
+
+
+def test_differences_between_blocks_have_the_unit_of_the_scores(tmp_path: Path) -> None:
+    rows, _ = days(24, 3.0, 2)
+    _, text, _ = command("fit", make(tmp_path / "c", X, rows, '[model]\nblock = "block"\n', PERCENT))
+    assert re.search(r"Standard deviation of a run [\d.]+ percent, of the blocks [\d.]+ percent \(restricted", text)

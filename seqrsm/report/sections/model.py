@@ -115,9 +115,14 @@ def _model_text(analysis: Analysis) -> str:
     return text
 
 
+def _unit(analysis: Analysis) -> str:
+    """Unit of the response that the model is fitted to."""
+    return "logit" if analysis.scale.kind == "logit" else analysis.score_unit
+
+
 def _statistics_table(analysis: Analysis) -> Table:
     fit = analysis.fit
-    unit = "logit" if analysis.scale.kind == "logit" else analysis.score_unit
+    unit = _unit(analysis)
     condition = fit.condition_number
     pairs: list[tuple[str, Cell]] = [
         ("Runs N", whole_cell(fit.n_runs)),
@@ -358,7 +363,7 @@ def _by_block(analysis: Analysis) -> list[Block]:
     found = analysis.blocks
     if found is None:
         return []
-    blocks: list[Block] = [Paragraph(_block_text(found))]
+    blocks: list[Block] = [Paragraph(_block_text(found, _unit(analysis)))]
     if isinstance(found.new, BlockResponse):
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
@@ -368,15 +373,16 @@ def _by_block(analysis: Analysis) -> list[Block]:
     return [Details("Differences between blocks", tuple(blocks))]
 
 
-def _block_text(found: BlockStudy) -> str:
+def _block_text(found: BlockStudy, unit: str) -> str:
     """How much blocks differ."""
     if isinstance(found.new, str):
         return f"Differences between blocks cannot be estimated: {found.new}."
     ratio = " to ".join(format_significant(end, 2) for end in found.ratio)
+    run, block = (with_unit(format_significant(sigma, 3), unit) for sigma in (found.sigma, found.sigma_block))
     text = (
-        f"Blocks are {found.effect} effects. Standard deviation of a run {format_significant(found.sigma, 3)}, of the "
-        f"blocks {format_significant(found.sigma_block, 3)} (restricted maximum likelihood, on the scale of the fit); "
-        f"credible interval of their ratio {ratio}. A run in a new block includes that block's effect."
+        f"Blocks are {found.effect} effects. Standard deviation of a run {run}, of the blocks {block} (restricted "
+        f"maximum likelihood); credible interval of their ratio {ratio}. A run in a new block includes that block's "
+        "effect."
     )
     return f"{text} {capital(found.note)}." if found.note else text
 
