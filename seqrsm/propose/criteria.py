@@ -145,7 +145,7 @@ class Tie(Greedy):
     def _says(self, choice: Choice) -> tuple[str, str]:
         left = max(float(self.known.C[-1, -1] - choice.gain * choice.cost), 0.0)
         why = "links the new block to earlier ones by repeating their settings, so that its effect is known to"
-        return "tie", f"{why} {np.sqrt(left):.2g} s"
+        return "tie", f"{why} {np.sqrt(left):.2g} standard deviations of a run"
 
 
 class Testing:

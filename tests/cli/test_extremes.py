@@ -199,6 +199,7 @@ def test_a_new_flight_day_is_tied_to_the_earlier_ones(tmp_path, effect) -> None:
     assert sum("links the new block" in row["note"] for row in days[0]) == 0
     for day, ties in ((1, 1), (2, 2)):
         tied = [row for row in days[day] if "links the new block" in row["note"]]
+        assert all(row["note"].endswith(" standard deviations of a run") for row in tied)  # and not seconds, "s"
         assert len(tied) == ties
         assert all((row["x0"], row["x1"]) in set().union(*flown[:day]) for row in tied)
     assert fitted(folder)["n_runs"] == 24
