@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,4 +35,7 @@ def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:
         raise UserError(
             Problem(f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path))
         ) from error
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
     return path

@@ -111,6 +111,19 @@ def test_files_that_cannot_be_written_leave_the_old_ones(folder, command):
     assert (folder / command[-1]).read_text(encoding="utf-8") == "old"
 
 
+def test_a_file_that_the_disk_does_not_hold_leaves_no_draft(tmp_path):
+    code = """
+import resource, sys
+from pathlib import Path
+from seqrsm.files import put
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+put(Path(sys.argv[1]), bytes(5000))
+"""
+    child = subprocess.run([sys.executable, "-c", code, str(tmp_path / "all.json")], capture_output=True, text=True)
+    assert "UserError" in child.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 @contextmanager
 def as_nobody() -> Iterator[None]:
     """Root may write everywhere: be somebody else."""
