@@ -9,7 +9,7 @@ with the columns ``interpreter`` and ``rank`` holds rankings, from which scores 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -264,13 +264,13 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
     if outcome.moved:
-        count = "1 proposed run was" if len(outcome.moved) == 1 else f"{len(outcome.moved)} proposed runs were"
+        count = f"{_counted(outcome.moved, 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
         messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")
     if outcome.equal:
         lines = _few([row.line for row in outcome.equal])
         messages.append(
-            f"{len(outcome.equal)} scores without a run id equal earlier ones in all that is told of them (lines "
-            f"{lines}): they are the same and not counted twice. A true repeat must differ in a column such as date."
+            f"{_counted(outcome.equal, 'score')} without a run id not counted twice, equal to earlier scores in every "
+            f"column (lines {lines}). A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":
@@ -282,15 +282,19 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
 
 
 def _ranking_messages(summary: RankingSummary) -> list[str]:
-    count, who = summary.rankings, len(summary.interpreters)
-    scored = f"{len(summary.scores)} runs their scores"
-    messages = [f"{count} rankings of '{summary.application}' by {who} interpreters give {scored}."]
+    count = f"{_counted(range(summary.rankings), 'ranking')} of '{summary.application}' by"
+    count += f" {_counted(summary.interpreters, 'interpreter')} {'gives' if summary.rankings == 1 else 'give'}"
+    messages = [f"{count} {_counted(summary.scores, 'run')} their scores."]
     if summary.apart:
         messages.append(
             f"No chain of rankings joins runs {_few(summary.apart)} with the others: they have no score until somebody "
             "ranks images of both together."
         )
     return messages
+
+
+def _counted(things: Sized, one: str) -> str:
+    return f"{len(things)} {one}{'s' * (len(things) != 1)}"
 
 
 def _few(numbers: Sequence[int | None]) -> str:

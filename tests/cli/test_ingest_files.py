@@ -227,6 +227,15 @@ def test_a_percent_sign_is_told_where_it_may_stand(make):
     folder.ingest(f"{HEADER} [%]\n1.5,12,HH,70.48\n")
 
 
+def test_one_of_a_kind_is_told_in_the_singular(make):
+    folder = make()
+    folder.call("propose", "-n", "12", "--source", "flight")
+    assert "1 proposed run was made at other settings (1)" in folder.ingest(f"run_id,{HEADER}\n1,1.7,12,HH,70\n")
+    folder.ingest(f"{HEADER}\n1.5,12,HH,70\n", name="b.csv")
+    told = folder.ingest(f"{HEADER},note\n1.5,12,HH,70,\n", name="c.csv")
+    assert "1 score without a run id not counted twice, equal to earlier scores in every column (lines 2)" in told
+
+
 # -- rankings ---------------------------------------------------------------------------------------------------------
 
 
@@ -293,7 +302,7 @@ def test_the_same_rankings_again_do_not_count_twice(ranked):
 
 
 def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
-    ranked.ingest(ranking_file(ann="1 2 3"))
+    assert "1 ranking of 'crops' by 1 interpreter gives 3 runs their" in ranked.ingest(ranking_file(ann="1 2 3"))
     says = ranked.ingest(ranking_file(ann="4 5"), name="apart.csv")
     assert "No chain of rankings joins runs 4, 5" in says
     assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 3 + ["issued"] * 3
