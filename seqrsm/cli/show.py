@@ -88,7 +88,8 @@ def show_ingest(report: IngestReport) -> None:
         would = "would be ingested" if report.dry_run else "ingested"
         what = counted(report.n_scores, "rank" if report.ranked or report.rankings else "score")
         if report.rankings:
-            parts.append(f"rankings {report.rankings[0]} to {report.rankings[-1]}")
+            first, last = report.rankings[0], report.rankings[-1]
+            parts.append(f"ranking {first}" if first == last else f"rankings {first} to {last}")
         line(f"{report.file}: {what} {would}: {', '.join(parts) or 'nothing new'}")
     for message in report.messages:
         line(f"{report.file}: {message}")

@@ -103,7 +103,7 @@ def read_curves(
     """
     problems: list[Problem] = []
     groups: dict[str, dict[tuple[float, str], list[Node]]] = defaultdict(lambda: defaultdict(list))
-    nodes = read_nodes(path, "emissivity", problems)
+    nodes = read_nodes(path, "emissivity")
     for node in nodes:
         groups[node.category][node.frequency_ghz, node.channel].append(node)
     curves = {}

@@ -54,17 +54,19 @@ class Node:
     mean_sd: float
 
 
-def read_nodes(path: str | Path, quantity: str, problems: list[Problem]) -> list[Node]:
-    """Nodes of the good rows of a quantity's table; the faults of the others are appended to ``problems``.
+def read_nodes(path: str | Path, quantity: str) -> list[Node]:
+    """Nodes of a quantity's table.
 
     Raises
     ------
     ScatteringDataError
-        No table of these columns.
+        No table of these columns, or faults in its rows.
     """
+    problems: list[Problem] = []
     nodes = [_node(row, quantity, problems) for row in read_rows(path, REQUIRED, OPTIONAL)]
     if not nodes:
         problems.append(Problem("the table has no rows", f"Columns: {', '.join(REQUIRED)}", str(path)))
+    refuse(problems, path)  # or a curve would seem to lack the nodes of these rows
     return [node for node in nodes if node is not None]
 
 
@@ -84,7 +86,7 @@ def by_angle(block: list[Node], at: str, problems: list[Problem]) -> list[Node]:
     problems += [node.row.problem("theta_deg", f"{at}: the angle is given twice") for node in twice]
     if len(set(angles)) >= 2:
         return [] if twice else block
-    message = f"{at}: {len(set(angles))} incidence angles, at least 2 are needed"
+    message = f"{at}: 1 incidence angle, at least 2 are needed"
     file = block[0].row.file if block else None
     problems.append(Problem(message, "Give every channel at every frequency and wind", file, field="theta_deg"))
     return []
@@ -99,7 +101,7 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
         Every wrong row, with its line and column; and nodes that are missing or given twice.
     """
     problems: list[Problem] = []
-    nodes = read_nodes(path, "sigma0", problems)
+    nodes = read_nodes(path, "sigma0")
     groups: dict[tuple[str, str], list[Node]] = defaultdict(list)
     for node in nodes:
         groups[node.category, node.season].append(node)

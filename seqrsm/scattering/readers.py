@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -75,7 +76,8 @@ class Row:
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            problems.append(self.problem(column, f"not a number from {low:g} to {high:g}"))
+            remedy = "Use a decimal point" if "," in self.text(column) else ""
+            problems.append(self.problem(column, f"not a number from {low:g} to {high:g}", remedy))
             return math.nan
         return value
 
@@ -115,6 +117,9 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     if not lines:
         raise ScatteringDataError(Problem("the table is empty", f"Columns: {', '.join(required)}", file))
     header = [name.strip() for name in lines[0][1]]
+    if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        message, remedy = "the cells are not separated by commas", "Separate them by commas; decimals have points"
+        raise ScatteringDataError(Problem(message, remedy, file, lines[0][0]))
     problems = [
         Problem("the column is missing", "", file, lines[0][0], name) for name in required if name not in header
     ]

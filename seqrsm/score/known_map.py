@@ -22,7 +22,7 @@ from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.score.table import read_table, table_text
 
 _LEAST_SHARE = 1e-3  # of a label that the table never saw with a cover: no table is large enough to rule it out
-_NUMBERS = "Give counts or per cent, 0 or more."
+_NUMBERS = "Give counts or percent, 0 or more."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,8 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
             except ValueError:
                 row.append(np.nan)
             if not 0.0 <= row[-1] < np.inf:
-                wrong("a share must be a number", _NUMBERS, line, label, cell)
+                remedy = "Use a decimal point." if "," in cell else _NUMBERS
+                wrong("a share must be a number", remedy, line, label, cell)
         if len(cells) != len(header):
             wrong(f"the row has {len(cells)} cells, the header {len(header)}", "Give one to each label.", line)
         elif cover in rows:

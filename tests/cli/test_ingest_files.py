@@ -302,7 +302,7 @@ def test_the_same_rankings_again_do_not_count_twice(ranked):
 
 
 def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
-    assert "1 ranking of 'crops' by 1 interpreter gives 3 runs their" in ranked.ingest(ranking_file(ann="1 2 3"))
+    assert "1 ranking of 'clear' by 1 interpreter gives 3 runs their" in ranked.ingest(ranking_file(ann="1 2 3"))
     says = ranked.ingest(ranking_file(ann="4 5"), name="apart.csv")
     assert "No chain of rankings joins runs 4, 5" in says
     assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 3 + ["issued"] * 3

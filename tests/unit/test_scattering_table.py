@@ -196,6 +196,7 @@ def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
     ("bad", "place"),
     [
         ("sigma0,Wheat,abc,HH,,20,-10,,dB,measured,me", r"own\.csv:2: frequency_ghz: not a number.*'abc'"),
+        ('sigma0,Wheat,5,HH,,20,"-9,1",,dB,measured,me', r"2: value: not a number .*'-9,1'\)\. Use a decimal point$"),
         ("sigma0,Wheat,5,RL,,20,-10,,dB,measured,me", r"own\.csv:2: polarization: unknown"),
         ("sigma0,Wheat,5,HH,,99,-10,,dB,measured,me", r"own\.csv:2: theta_deg"),
         ("sigma0,Wheat,5,HH,,20,nan,,dB,measured,me", r"own\.csv:2: value"),
@@ -209,7 +210,7 @@ def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
         ("sigma0,Wheat,5,HH,monsoon,20,-10,,dB,measured,me", r"own\.csv:2: season"),
         ("sigma0,Wheat,5,HH,,20,-10,-1,dB,measured,me", r"own\.csv:2: sd"),
         ("sigma0,Wheat,5,HH,,20", r"own\.csv:2: 6 cells, the header has 11"),
-        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"1 incidence angles, at least 2"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"1 incidence angle, at least 2"),
         ('sigma0,"Wheat,5,HH,,20,-10,,dB,measured,me', r"own\.csv:2: not a CSV line"),
     ],
 )
@@ -238,6 +239,9 @@ def test_bad_files(tmp_path: Path) -> None:
     assert any("no such column" in str(p) for p in caught.value.problems)
     path.write_text("")
     with pytest.raises(ScatteringDataError, match="empty"):
+        load_sigma0_table(path)
+    path.write_text(HEADER.replace(",", ";"))
+    with pytest.raises(ScatteringDataError, match=r"own\.csv:1: the cells are not separated by commas\. Separate them"):
         load_sigma0_table(path)
     path.write_text(HEADER)
     with pytest.raises(ScatteringDataError, match="no rows"):
