@@ -28,6 +28,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_
 from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.plain import known
 from seqrsm.rng import generator
+from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
@@ -116,6 +117,7 @@ def analyse(
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
+        known_map=_of_a_map(spec, application),
         warnings=tuple(
             _warnings(spec, application, fitted, best)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
@@ -229,12 +231,18 @@ def _decision(
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
+        known_map=_of_a_map(spec, application),
         lead=(estimate.mean - fitted.data.guess) * sign_of(application.goal),
         lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
         weighed=fitted.departure.process is not None,
         saturated=fitted.region.has_at_most(fitted.model.p),
     )
     return decide(rule, look, agreement, application.score_unit)
+
+
+def _of_a_map(spec: CampaignSpec, application: ApplicationSpec) -> bool:
+    """Whether the score without an image is that of a map that exists."""
+    return bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
 
 
 def _model_p(fitted: Fitted) -> float | None:

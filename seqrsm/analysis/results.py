@@ -237,6 +237,7 @@ class Analysis:
     ``fitted`` is what all was made from. ``fit`` is on ``scale``; everything else is in score units. ``of_quadratic``
     is the optimum of the fitted quadratic alone, ``optimum`` that of all that is believed. A ``thorough`` analysis adds
     ``steps``, what each value and level of a factor brings there, and ``blocks``, None where there is one block.
+    ``known_map``: images are held against a map that exists, and not against a guess.
     """
 
     application: str
@@ -255,6 +256,7 @@ class Analysis:
     sources: SourceComparison | None = None
     blocks: BlockStudy | None = None
     thorough: bool = False
+    known_map: bool = False
 
     @property
     def fit(self) -> LeastSquaresFit:

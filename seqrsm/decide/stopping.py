@@ -325,6 +325,8 @@ class Look:
         p of the F test that no term but the intercept matters; 1 where all scores are equal.
     guess : float or None
         What would be scored without an image; None where it is not known.
+    known_map : bool
+        That is the score of a map that exists, not of guessing.
     lead : float
         By how much the mean at the optimum is better than that, score units.
     lack_of_fit : float or str
@@ -346,6 +348,7 @@ class Look:
     half_width: float = float("nan")
     model_p: float | None = None
     guess: float | None = None
+    known_map: bool = False
     lead: float = float("inf")
     weighed: bool = False
     saturated: bool = False
@@ -421,7 +424,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         enough = n_runs >= rule.min_runs(n_terms)
         checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
     if look.guess is not None:
-        checks.append(_guess_check(look.guess, look.lead, width, unit))
+        checks.append(_guess_check(look.guess, look, width, unit))
     if not look.weighed:
         asked = f"{_MIN_DF_PURE_ERROR} are required"
         text = f"Repeated runs give {look.df_pure_error} degrees of freedom of pure error; {asked}."
@@ -462,12 +465,13 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     return Check("interval", width <= rule.half_width, text)
 
 
-def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
-    said = f"Guessing without an image scores {amount(guess, unit)}"
+def _guess_check(guess: float, look: Look, width: float, unit: str) -> Check:
+    what, lead = ("the existing map" if look.known_map else "guessing"), look.lead
+    said = f"{'The existing map alone' if look.known_map else 'Guessing without an image'} scores {amount(guess, unit)}"
     if lead > width:
         return Check("guess", True, f"{said}; the optimum is better by {amount(lead, unit)}.")
     away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
-    text = f"{said}; the optimum is {away}, less than its half-width, so no setting is shown to beat guessing."
+    text = f"{said}; the optimum is {away}, less than its half-width, so no setting is shown to beat {what}."
     return Check("guess", False, text)
 
 

@@ -20,7 +20,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
-from seqrsm.report.sections.summary import _next_steps, _settings_table, recommendation
+from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -205,6 +205,10 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         spent = replace(found, decision=replace(found.decision, budget_spent=True))
         first = next(_next_steps(spec, spent))
         assert first.startswith("Stop." if held else "Change the region or the sensor")
+        of_map = replace(spent, known_map=True)
+        assert ("better than the existing map for" in recommendation(of_map)) is not held
+        assert next(_next_steps(spec, of_map)).endswith("more than the existing map alone.") is not held
+        assert _ends(of_map)[0][-1] == "the existing map alone, and error-free data"
     # An error is better the smaller it is.
     low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
     assert low.decision.held

@@ -138,8 +138,8 @@ def recommendation(analysis: Analysis) -> str:
     what = f"the settings with the {best} estimated mean score in the region"
     if _is_a_guess(analysis):
         return (
-            f"No setting is shown to do better than guessing for {analysis.application}. Best of the fitted surface: "
-            f"{settings}, {what}."
+            f"No setting is shown to do better than {'the existing map' if analysis.known_map else 'guessing'} for "
+            f"{analysis.application}. Best of the fitted surface: {settings}, {what}."
         )
     return f"Recommended for {analysis.application}: {settings}, {what}."
 
@@ -168,7 +168,8 @@ def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
     if not (math.isfinite(guess) and math.isfinite(perfect)):
         return []
     ends = f"{score_text(analysis, guess, unit=False)} and {score_text(analysis, perfect)}"
-    return [("Reference scores", ends, "guessing without an image, and error-free data")]
+    without = "the existing map alone" if analysis.known_map else "guessing without an image"
+    return [("Reference scores", ends, f"{without}, and error-free data")]
 
 
 def _deciding(analysis: Analysis) -> str:
@@ -255,7 +256,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     elif decision.wants_confirmation:
         yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}"
     elif decision.budget_spent and _is_a_guess(analysis):
-        yield "Change the region or the sensor: at no setting of these are images shown to tell more than a guess."
+        less = "the existing map alone" if analysis.known_map else "a guess"
+        yield f"Change the region or the sensor: at no setting of these are images shown to tell more than {less}."
     elif decision.budget_spent:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
