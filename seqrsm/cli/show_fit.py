@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.ground import RANKED
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from seqrsm.analysis.study import TermTest
     from seqrsm.campaign.campaign import Campaign
     from seqrsm.campaign.loop import Outcome
+    from seqrsm.report.blocks import Section
     from seqrsm.spec.read import CampaignSpec
 
 
@@ -52,15 +54,20 @@ def show_fit(
 
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     """End of `seqrsm run`: importance, recommendation, intervals, reasons, time split."""
-    show_sections(importance_section(analysis, "") for analysis in outcome.analyses)
+    several = len(outcome.analyses) > 1
+
+    def named(section: Section, analysis: Analysis) -> Section:
+        return replace(section, title=f"{section.title}, {analysis.application}") if several else section
+
+    show_sections(named(importance_section(analysis, ""), analysis) for analysis in outcome.analyses)
     runs, spec = campaign.store.runs(), campaign.spec
     if outcome.compromise is not None:
         rests = outcome.rests
         show_sections(result_section(spec, one, rests, "", one.application) for one in outcome.analyses)
     show_sections([summary_section(spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
     events = campaign.store.events(kind=RANKED)
-    measure = [measure_section(analysis, events, "measure") for analysis in outcome.analyses]
-    show_sections([section for section in measure if section is not None])
+    measure = ((measure_section(analysis, events, "measure"), analysis) for analysis in outcome.analyses)
+    show_sections([named(section, analysis) for section, analysis in measure if section is not None])
     line()
     if not outcome.held:
         line("The budget was spent before the stop rule was met.")

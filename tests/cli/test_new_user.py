@@ -121,6 +121,10 @@ def test_each_application_is_confirmed_by_runs_at_its_own_optimum(tmp_path, tiny
     body += "    rng = np.random.default_rng(run_id)\n    return 3.0 * image.radar.resolution_m**0.5 + rng.normal()\n"
     (folder / "mine.py").write_text(body, encoding="utf-8")
     outcome = json.loads(call("run", folder, "--json"))
+    again = call("run", folder)  # at its end already: tells the same, under headings that name the application
+    for name in ("cover", "coarse"):
+        assert f"Importance of the sensor parameters, {name}\n" in again
+        assert f"Which covers to measure, {name}\n" in again
     call("export", folder, tmp_path / "out.json")
     runs = {run["run_id"]: run for run in json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["runs"]}
     seen: set[int] = set()

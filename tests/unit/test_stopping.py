@@ -244,7 +244,9 @@ def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
     assert decision.held
 
 
-@pytest.mark.parametrize(("known_map", "says"), [(False, "Guessing without an image"), (True, "The existing map alone")])
+@pytest.mark.parametrize(
+    ("known_map", "says"), [(False, "Guessing without an image"), (True, "The existing map alone")]
+)
 def test_what_the_images_are_held_against_is_named(known_map: bool, says: str) -> None:
     look = Look(60, 6, 2.0, 54, 5, 0.1, 0.5, guess=60.7, lead=0.1, known_map=known_map)
     (check,) = [one for one in decide(StopRule(half_width=5.0), look, None, "percent").checks if one.name == "guess"]
