@@ -292,3 +292,12 @@ class Analysis:
     def contradicted(self) -> bool:
         """Fresh runs at the recommended settings do not agree with the model."""
         return self.confirmation is not None and not self.confirmation.agrees
+
+    @property
+    def verdict(self) -> str:
+        """What to do, in a word or two."""
+        if self.decision.held:
+            return "Doubt" if self.contradicted else "Stop"
+        if self.decision.wants_confirmation:
+            return "Confirm"
+        return "Budget spent" if self.decision.budget_spent else "Continue"

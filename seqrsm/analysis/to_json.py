@@ -119,6 +119,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         **_of(decision, "half_width"),
         **_of(analysis.data, "guess", "perfect"),
         **_of(decision, "noise_floor", "held", "reasons", "futility"),
+        "decision": analysis.verdict,
     }
 
 

@@ -137,6 +137,6 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
             width = with_unit(known_text(best[kind]["half_width"], 3 if watched else 2), unit)
             target = with_unit(format_plain(result["target_half_width"]), unit)
             line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
-    heading("Decision: stop" if look["held"] else "Decision: continue")
+    heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

@@ -291,3 +291,18 @@ def test_a_cost_is_told_in_its_unit(tmp_path: Path) -> None:
         more = ("--campaigns", "10") if command == "rehearse" else ()
         told = CliRunner().invoke(app, [command, str(folder), *more]).stdout.replace("\u00a0", " ")
         assert says in told, told
+
+
+def test_status_tells_the_decision_of_the_report(tmp_path: Path) -> None:
+    folder = make(tmp_path / "c", X, quadratic())
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    for stop, says in (
+        ("half_width = 8.0\n", "stop"),
+        ("half_width = 0.1\nmax_runs = 24\n", "budget spent"),
+        ('half_width = 8.0\nguard = "confirmation"\n', "confirm"),
+        ("half_width = 0.1\n", "continue"),
+    ):
+        (folder / "campaign.toml").write_text(text.replace("half_width = 3.0\n", stop), encoding="utf-8")
+        told, fitted = (CliRunner().invoke(app, [command, str(folder)]).stdout for command in ("status", "fit"))
+        assert f"Decision: {says}\n" in told
+        assert re.search(rf"Decision +{says}", fitted, re.IGNORECASE)

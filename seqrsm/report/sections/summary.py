@@ -179,18 +179,16 @@ def _deciding(analysis: Analysis) -> str:
 
 
 def _decision_words(analysis: Analysis) -> tuple[str, str]:
-    if analysis.decision.held and analysis.contradicted:
-        return "Doubt", "stop rule met, but the confirmation runs contradict the model"
-    if analysis.decision.held:
-        return "Stop", "stop rule met"
-    if analysis.decision.wants_confirmation:
-        return "Confirm", "only the confirmation runs are missing"
-    if analysis.decision.budget_spent:
-        return "Budget spent", "stop rule not met"
     needed = analysis.decision.runs_needed
-    if needed is not None and needed > analysis.fit.n_runs:
-        return "Continue", f"about {needed} runs needed in total"
-    return "Continue", "stop rule not met yet"
+    more = needed is not None and needed > analysis.fit.n_runs
+    why = {
+        "Doubt": "stop rule met, but the confirmation runs contradict the model",
+        "Stop": "stop rule met",
+        "Confirm": "only the confirmation runs are missing",
+        "Budget spent": "stop rule not met",
+        "Continue": f"about {needed} runs needed in total" if more else "stop rule not met yet",
+    }
+    return analysis.verdict, why[analysis.verdict]
 
 
 def _most_important(analysis: Analysis) -> tuple[str, str]:
