@@ -342,7 +342,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
     if fit.leverage_one_runs:
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
-        found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
+        one, several = f"run {ids} (leverage 1): its score", f"runs {ids} (leverage 1): their scores"
+        through = one if len(fit.leverage_one_runs) == 1 else several
+        found.append(f"The model must pass through {through} cannot be checked.")
     if _all_equal(fitted):
         found.append("All scores are equal, so there is no optimum: every setting is equally good.")
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:

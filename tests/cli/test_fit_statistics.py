@@ -556,3 +556,8 @@ def test_differences_between_blocks_have_the_unit_of_the_scores(tmp_path: Path) 
     rows, _ = days(24, 3.0, 2)
     _, text, _ = command("fit", make(tmp_path / "c", X, rows, '[model]\nblock = "block"\n', PERCENT))
     assert re.search(r"Standard deviation of a run [\d.]+ percent, of the blocks [\d.]+ percent \(restricted", text)
+
+
+def test_the_runs_of_a_saturated_design_are_told_in_the_plural(tmp_path: Path) -> None:
+    _, text, _ = command("fit", make(tmp_path / "c", X, [{"x": x, "score": x * x} for x in (0.0, 4.0, 10.0)]))
+    assert "The model must pass through runs 1, 2, 3 (leverage 1): their scores cannot be checked." in text
