@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -13,10 +13,11 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
+from seqrsm.campaign.engines import CANNOT_BE_BUILT
 from seqrsm.campaign.experiment import experiment_of
 from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
-from seqrsm.campaign.simulation import scene_at
+from seqrsm.campaign.simulation import NO_RUN, scene_at, sensor_notes, task_of
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
@@ -115,7 +116,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     compared = read_candidates(spec, analyses)
     return Dossier(
         spec=spec,
-        analyses=analyses,
+        analyses=tuple(_with_hardware(spec, analysis) for analysis in analyses),
         runs=store.runs(),
         looks=store.looks(),
         events=store.events(),
@@ -131,6 +132,15 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
         calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator else None,
     )
+
+
+def _with_hardware(spec: CampaignSpec, analysis: Analysis) -> Analysis:
+    """With a warning where the recommended radar cannot be built."""
+    if spec.simulator is None:
+        return analysis
+    notes = sensor_notes(task_of(spec, NO_RUN, analysis.optimum.settings), scene_at(str(spec.scene_path)))
+    short = tuple(f"At these settings {note}." for note in notes if note.startswith(CANNOT_BE_BUILT))
+    return replace(analysis, warnings=analysis.warnings + short)
 
 
 def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from seqrsm.simulate.radiometer.result import RadiometerImage
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
 Settings = Mapping[str, float | str]
+CANNOT_BE_BUILT: Final = "this radar cannot be built"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,7 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
         lookups = look_up(scene, sensor, table, state, day)
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
     short = [one for one in frame_limits(sensor, frame) if one.margin < 1.0]
-    notes += [f"this radar cannot be built, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
+    notes += [f"{CANNOT_BE_BUILT}, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
     return (*notes, *tops_counted_twice(frame), *blind_channels(sensor, frame, lookups))
 
 

@@ -417,7 +417,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
         shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
         try:
             task = task_of(spec, 0, settings)
-            for note in _examine(task, scene):
+            for note in sensor_notes(task, scene):
                 met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
@@ -431,7 +431,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     )
 
 
-def _examine(task: SimulationTask, scene: Scene) -> list[str]:
+def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
     """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
     made = task.acquisitions
     for _, utility in task.utilities:

@@ -424,3 +424,13 @@ def test_doctor_warms_up() -> None:
     document = json.loads(ok("doctor", "--json"))
     assert document["packages"]["numba"]
     assert set(document["warm_up_s"]) == {"simulation"}
+
+
+def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> None:
+    ok("report", copy, "--html", copy / "before.html")
+    assert "cannot be built" not in (copy / "before.html").read_text(encoding="utf-8").partition("Appendix")[0]
+    text = (copy / "campaign.toml").read_text(encoding="utf-8")
+    higher = text.replace("peak_power = 1000.0", "peak_power = 1000.0\nantenna_gain_db = 60.0")
+    (copy / "campaign.toml").write_text(higher, encoding="utf-8")
+    ok("report", copy, "--html", copy / "after.html")
+    assert "this radar cannot be built, gain against beam" in (copy / "after.html").read_text(encoding="utf-8")
