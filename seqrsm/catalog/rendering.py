@@ -1,15 +1,12 @@
-"""What a set of entries says about each sensor parameter, and results as rows of strings and as plain data for JSON.
-
-Equal statements are put together; how rows look on a terminal is the command line's.
-"""
+"""What a set of entries says about each sensor parameter, equal statements put together, and plain data for JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any
 
-from seqrsm.catalog.tables import Catalog, Entry, Platform, Range, Table
+from seqrsm.catalog.tables import Entry, Platform
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,86 +108,6 @@ def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
 def _place(table: str) -> int:
     """Place of table "A.n" in the appendix."""
     return int(table.removeprefix("A."))
-
-
-Rows: TypeAlias = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
-"""Names of the columns, and the rows under them."""
-
-Result: TypeAlias = Catalog | Sequence[Entry] | Sequence[Statement] | Sequence[Table]
-"""What can be shown as rows."""
-
-
-def _ranges(ranges: Sequence[Range]) -> str:
-    return "; ".join(map(str, ranges))
-
-
-def _entry_row(entry: Entry) -> dict[str, str]:
-    return {
-        "table": entry.table,
-        "system": entry.system,
-        "category": entry.category,
-        "application": entry.name,
-        "band or wavelength": entry.band or entry.wavelength,
-        "frequency [GHz]": _ranges(entry.frequency_ghz),
-        "resolution class [m]": str(entry.resolution_class_m or ""),
-        "wanted [m]": entry.resolution_wanted,
-        "accepted [m]": entry.resolution_accepted,
-        "polarization": entry.polarization,
-        "nadir angle [deg]": entry.nadir_angle,
-        "revisit": entry.auxiliary,
-        "note": entry.note,
-    }
-
-
-def _statement_row(statement: Statement) -> dict[str, str]:
-    return {
-        "parameter": statement.parameter,
-        "system": statement.system,
-        "printed": statement.printed,
-        "read as": statement.read_as,
-        "tables": ", ".join(statement.tables),
-        "applications": "; ".join(statement.applications),
-    }
-
-
-def _table_row(table: Table) -> dict[str, str]:
-    return {
-        "table": table.number,
-        "kind": table.kind,
-        "title": table.title,
-        "entries": str(table.n_entries),
-        "none": str(table.n_none),
-        "note": table.note,
-    }
-
-
-_ROW: Final[Mapping[type, Callable[[Any], dict[str, str]]]] = {
-    Entry: _entry_row,
-    Statement: _statement_row,
-    Table: _table_row,
-}
-
-
-def catalog_rows(result: Result) -> Rows:
-    """Columns and rows of strings of a result.
-
-    Parameters
-    ----------
-    result : Catalog, or a sequence of Entry, Statement or Table
-        A catalogue gives its tables.
-
-    Returns
-    -------
-    columns : tuple of str
-        Names; empty for an empty sequence.
-    rows : tuple of tuple of str
-        One cell per column; "" where nothing is printed. Columns that are empty in every row are left out.
-    """
-    if isinstance(result, Catalog):
-        result = result.tables
-    rows = [_ROW[type(item)](item) for item in result]
-    columns = tuple(name for name in (rows[0] if rows else ()) if any(row[name] for row in rows))
-    return columns, tuple(tuple(row[name] for name in columns) for row in rows)
 
 
 def to_json(result: object) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from seqrsm.catalog.rendering import catalog_rows, summary
+from seqrsm.catalog.rendering import summary
 from seqrsm.catalog.tables import Entry, Platform, Table, load_catalog
 from seqrsm.cli.console import display, heading, line, say, show_table
 from seqrsm.errors import UserError
@@ -29,7 +29,9 @@ _COLUMNS = {
 
 def show_tables() -> None:
     """All tables, a line each."""
-    _columns_and_rows(catalog_rows(load_catalog()), "Tables of RSL TR 380-1, Appendix A")
+    columns = ("table", "kind", "title", "entries", "none", "note")
+    rows = [(t.number, t.kind, t.title, str(t.n_entries), str(t.n_none), t.note) for t in load_catalog().tables]
+    show_table(columns, rows, title="Tables of RSL TR 380-1, Appendix A", sides=("left",))
 
 
 def show_table_of(table: Table) -> None:
@@ -79,27 +81,32 @@ def show_platforms(platforms: Sequence[Platform]) -> None:
 
 def show_asked_for(found: Sequence[Entry], words: str) -> None:
     """What the literature asks for: a summary, then the entries as printed."""
-    columns, rows = catalog_rows(summary(found))
-    kept = [i for i, name in enumerate(columns) if name != "applications"]
-    narrow = [columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
-    _columns_and_rows(narrow, f"Requirements for {words}")
+    columns = ("parameter", "system", "printed", "read as", "tables")
+    rows = [(one.parameter, one.system, one.printed, one.read_as, ", ".join(one.tables)) for one in summary(found)]
+    kept = [i for i in range(len(columns)) if any(row[i] for row in rows)]
+    if rows:
+        narrow = [[row[i] for i in kept] for row in rows]
+        show_table([columns[i] for i in kept], narrow, title=f"Requirements for {words}", sides=("left",))
     heading("Entries as printed")
     _show_entries(found)
 
 
 def _show_entries(found: Sequence[Entry]) -> None:
-    names, entries = catalog_rows(found)
-    for entry in entries:
-        cells = dict(zip(names, entry, strict=True))
-        head = f"{cells.pop('table', '')} {cells.pop('category', '')}: {cells.pop('application', '')}"
-        line(head, 2)
-        line("; ".join(f"{name} {cell}" for name, cell in cells.items() if cell), 6)
-
-
-def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], title: str) -> None:
-    columns, rows = rendered
-    if rows:
-        show_table(columns, rows, title=title, sides=("left",))
+    for entry in found:
+        printed = {
+            "system": entry.system,
+            "band or wavelength": entry.band or entry.wavelength,
+            "frequency [GHz]": "; ".join(map(str, entry.frequency_ghz)),
+            "resolution class [m]": str(entry.resolution_class_m or ""),
+            "wanted [m]": entry.resolution_wanted,
+            "accepted [m]": entry.resolution_accepted,
+            "polarization": entry.polarization,
+            "nadir angle [deg]": entry.nadir_angle,
+            "revisit": entry.auxiliary,
+            "note": entry.note,
+        }
+        line(f"{entry.table} {entry.category}: {entry.name}", 2)
+        line("; ".join(f"{name} {text}" for name, text in printed.items() if text), 6)
 
 
 def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> None:

@@ -5,9 +5,10 @@ import random
 
 import pytest
 
-from seqrsm.catalog.rendering import catalog_rows, summary, to_json
+from seqrsm.catalog.rendering import summary, to_json
 from seqrsm.catalog.search import entries_about, search, stem, words_of
 from seqrsm.catalog.tables import Entry, load_catalog
+from seqrsm.cli.show_catalog import show_asked_for
 
 CATALOG = load_catalog()
 
@@ -123,27 +124,18 @@ def entry(number: int) -> Entry:
     ],
     ids=["entries", "summary", "catalog"],
 )
-def test_rows_and_json(result: object) -> None:
-    columns, rows = catalog_rows(result)  # type: ignore[arg-type]
-    assert rows
-    assert len(set(columns)) == len(columns)
-    assert all(len(row) == len(columns) and all(isinstance(cell, str) for cell in row) for row in rows)
-    assert all(any(row[i] for row in rows) for i in range(len(columns)))
+def test_json(result: object) -> None:
     document = to_json(result)
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
-def test_rows_tell_what_is_printed() -> None:
-    columns, rows = catalog_rows([entry(25)])
-    row = dict(zip(columns, rows[0], strict=True))
-    assert row["application"] == "Crop Classification (Bush and Ulaby): Wheat"
-    assert row["frequency [GHz]"] == "14.2; 9"
-    assert (row["wanted [m]"], row["accepted [m]"]) == ("25", "50")
-    assert row["nadir angle [deg]"] == "40°-50° (best=50°)"
+def test_entries_tell_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    show_asked_for([entry(25)], "wheat")
+    shown = capsys.readouterr().out
+    assert "A.16 Vegetation Resources: Crop Classification (Bush and Ulaby): Wheat" in shown
+    assert "frequency [GHz] 14.2; 9; wanted [m] 25; accepted [m] 50;" in shown
+    assert "nadir angle [deg] 40°-50° (best=50°)" in shown
+    assert "read as" in shown
     document = to_json([entry(25)])[0]
     assert document["nadir_angle_deg"] == [{"low": 40.0, "high": 50.0}]
-    assert document["name"] == row["application"]
-
-
-def test_rows_of_nothing() -> None:
-    assert catalog_rows(()) == ((), ())
+    assert document["name"] == "Crop Classification (Bush and Ulaby): Wheat"
