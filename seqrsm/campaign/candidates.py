@@ -138,7 +138,6 @@ def _fits(spec: CampaignSpec, sensor: NamedSensor) -> bool:
 def measure_candidates(
     campaign: Campaign,
     *,
-    sufficient: float | None = None,
     worlds: int = N_WORLDS,
     workers: int = 1,
     progress: Callable[[int, int], None] = silent,
@@ -149,8 +148,6 @@ def measure_candidates(
     ----------
     campaign : Campaign
         With scores enough for a surface.
-    sufficient : float, optional
-        Score from which on a sensor suffices, in place of that of ``campaign.toml``.
     worlds : int
         Grounds that are drawn, at least 4.
     workers : int
@@ -178,7 +175,7 @@ def measure_candidates(
     progress(0, len(wanted) * len(analyses))
     for done, analysis in enumerate(analyses):
         application = spec.application(analysis.application)
-        one = _Comparer(campaign, analysis, application, sufficient, worlds, workers)
+        one = _Comparer(campaign, analysis, application, worlds, workers)
         rows = []
         for number, candidate in enumerate(wanted, start=1):
             rows.append(one.row(candidate))
@@ -211,18 +208,11 @@ class _Comparer:
     """One application's optimum, simulated once, and candidates beside it."""
 
     def __init__(
-        self,
-        campaign: Campaign,
-        analysis: Analysis,
-        application: ApplicationSpec,
-        sufficient: float | None,
-        worlds: int,
-        workers: int,
+        self, campaign: Campaign, analysis: Analysis, application: ApplicationSpec, worlds: int, workers: int
     ) -> None:
         self.spec, self.analysis, self.application = campaign.spec, analysis, application
         self.campaign, self.workers = campaign, workers
-        score = application.sufficient if sufficient is None else sufficient
-        sign = sign_of(analysis.goal)
+        score, sign = application.sufficient, sign_of(analysis.goal)
         relative = score is None
         self.rule = Sufficing(-sign * self.spec.stop.half_width if score is None else score, relative, sign)
         self.level = self.spec.stop.level

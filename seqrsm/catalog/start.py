@@ -49,14 +49,11 @@ class Source:
         What is printed.
     ranges : tuple of Range
         What it says in the parameter's unit.
-    applications : tuple of str
-        Applications it is printed for.
     """
 
     table: str
     printed: str
     ranges: tuple[Range, ...]
-    applications: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,13 +152,8 @@ def _sources(
     entries: Iterable[Entry], printed: Callable[[Entry], str], ranges: Callable[[Entry], tuple[Range, ...]]
 ) -> tuple[Source, ...]:
     """Prints with their ranges, each print of a table once; entries that print nothing are left out."""
-    found: dict[tuple[str, str, tuple[Range, ...]], list[str]] = {}
-    for entry in entries:
-        if text := printed(entry):
-            names = found.setdefault((entry.table, text, ranges(entry)), [])
-            names += [] if entry.name in names else [entry.name]
-    sources = [Source(table, text, values, tuple(names)) for (table, text, values), names in found.items()]
-    return tuple(sorted(sources, key=lambda source: int(source.table.removeprefix("A."))))
+    found = dict.fromkeys(Source(e.table, text, ranges(e)) for e in entries if (text := printed(e)))
+    return tuple(sorted(found, key=lambda source: int(source.table.removeprefix("A."))))
 
 
 def agreement(sources: Sequence[tuple[Range, ...]]) -> tuple[float, float, int]:

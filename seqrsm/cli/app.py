@@ -469,10 +469,6 @@ def tradeoff(
 @guarded
 def candidates(
     folder: Folder,
-    sufficient: Annotated[
-        float | None,
-        typer.Option(metavar="SCORE", help="Score from which a sensor suffices [default: campaign.toml's]."),
-    ] = None,
     worlds: Annotated[
         int, typer.Option(min=4, max=1000, help="Draws of the tables (worlds), common to all sensors.")
     ] = 16,
@@ -485,9 +481,7 @@ def candidates(
     """
     campaign = _opened(folder)
     with display("comparing", inner=False) as shown:
-        found = campaign.candidates(
-            sufficient=sufficient, worlds=worlds, workers=workers, progress=partial(shown.count, "comparing")
-        )
+        found = campaign.candidates(worlds=worlds, workers=workers, progress=partial(shown.count, "comparing"))
     print_json(found.to_json()) if as_json else found.show()
 
 

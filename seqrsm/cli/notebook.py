@@ -277,20 +277,11 @@ class Campaign:
         return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
 
     @_one_thread
-    def candidates(
-        self,
-        *,
-        sufficient: float | None = None,
-        worlds: int = 16,
-        workers: int = 1,
-        progress: Any = lambda done, of: None,
-    ) -> Candidates:
+    def candidates(self, *, worlds: int = 16, workers: int = 1, progress: Any = lambda done, of: None) -> Candidates:
         """Probability that each sensor of ``[[candidate]]`` suffices, and which properties cost it score.
 
         Parameters
         ----------
-        sufficient : float, optional
-            Score from which a sensor suffices; by default that of ``campaign.toml``.
         worlds : int
             Draws of the tables, at least 4, common to all sensors.
         workers : int
@@ -300,9 +291,7 @@ class Campaign:
         """
         from seqrsm.campaign.candidates import measure_candidates
 
-        return Candidates(
-            measure_candidates(self.opened, sufficient=sufficient, worlds=worlds, workers=workers, progress=progress)
-        )
+        return Candidates(measure_candidates(self.opened, worlds=worlds, workers=workers, progress=progress))
 
     @_one_thread
     def status(self, *, history: bool = False) -> Status:

@@ -38,10 +38,9 @@ class DesignReport:
     ----------
     n_runs, n_terms, rank : int
         N, p, and the rank of the model matrix.
-    inestimable : tuple of str
-        Terms that are combinations of the others at these runs.
     aliases : tuple of str
-        For each of them the combination, as in ``"x^2 = +1 intercept"``.
+        For each term that is a combination of the others at these runs that combination, as in
+        ``"x^2 = +1 intercept"``.
     condition_number : float
         Of the column-scaled model matrix; inf where the rank is short.
     d_value, a_value, i_value, g_value : float
@@ -63,7 +62,6 @@ class DesignReport:
     n_runs: int
     n_terms: int
     rank: int
-    inestimable: tuple[str, ...]
     aliases: tuple[str, ...]
     condition_number: float
     d_value: float
@@ -163,9 +161,8 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     distinct = np.unique(np.round(points, 9), axis=0).shape[0]
     if rank < p:
         nan = float("nan")
-        lost = inestimable_terms(model, points)
         return DesignReport(
-            n, p, rank, lost, alias_relations(model, points), number, nan, nan, nan, nan, None, None, nan,
+            n, p, rank, alias_relations(model, points), number, nan, nan, nan, nan, None, None, nan,
             np.full(101, nan), np.full(n, nan), distinct, n - distinct,
         )  # fmt: skip
     R = qr(Z, mode="r")[0][:p]
@@ -183,7 +180,6 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
         n_runs=n,
         n_terms=p,
         rank=rank,
-        inestimable=(),
         aliases=(),
         condition_number=number,
         d_value=d_value,

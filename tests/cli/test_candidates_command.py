@@ -117,7 +117,10 @@ def test_what_cannot_be_built_says_why(compared: Path) -> None:
 
 
 def test_terminal_json_and_report_tell_it(compared: Path) -> None:
-    document = json.loads(ok("candidates", compared, "--worlds", 4, "--sufficient", 150, "--json"))
+    text = (compared / "campaign.toml").read_text(encoding="utf-8")
+    asked = text.replace("[[application]]", "[[application]]\nsufficient = 150.0", 1)
+    (compared / "campaign.toml").write_text(asked, encoding="utf-8")
+    document = json.loads(ok("candidates", compared, "--worlds", 4, "--json"))
     rows = document["applications"]["cover"]["candidates"]
     assert max(row.get("probability", 0.0) for row in rows if row["how"] == "simulation") < 0.05
     assert document["applications"]["cover"]["relative"] is False
@@ -125,8 +128,8 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     assert "candidates" in [section.key for section in build_report(dossier).sections]
     # A sensor may well score less than a guess does: the report says why.
     assert any("less than a guess" in text for text in dossier.assumptions)
-    text = (compared / "campaign.toml").read_text(encoding="utf-8")
-    (compared / "campaign.toml").write_text(text.replace("peak_power = 0.01", "peak_power = 0.02"), encoding="utf-8")
+    other = asked.replace("peak_power = 0.01", "peak_power = 0.02")
+    (compared / "campaign.toml").write_text(other, encoding="utf-8")
     assert assemble(Campaign.open(compared)).candidates is None  # others were compared
     (compared / "campaign.toml").write_text(text, encoding="utf-8")
 
