@@ -323,7 +323,7 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     surface = Surface.of(simulated.spec, analysis.model, analysis.data, scale, fit)
     fitted = dataclasses.replace(analysis.fitted, fit=fit, scale=scale, surface=surface)
     drawn = line(dataclasses.replace(analysis, fitted=fitted), 0)
-    assert np.all((drawn.prediction_low > 0.0) & (drawn.prediction_high < 100.0))
+    assert np.all((drawn.prediction.low > 0.0) & (drawn.prediction.high < 100.0))
     row = analysis.model.matrix(analysis.optimum.point[None, :])
     here = np.argmin(np.abs(drawn.x - analysis.optimum.settings["frequency"]))
     at_optimum = 100.0 / (1.0 + np.exp(-(row @ fit.estimate)[0]))

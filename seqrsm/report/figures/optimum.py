@@ -150,10 +150,10 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
         color = drawing.SERIES[place % len(drawing.SERIES)]
         mean = np.where(one.allowed, one.mean, np.nan)
         if isinstance(factor, DiscreteFactor):
-            axes.vlines(x[one.allowed], one.confidence_low[one.allowed], one.confidence_high[one.allowed], color=color)
+            axes.vlines(x[one.allowed], one.confidence.low[one.allowed], one.confidence.high[one.allowed], color=color)
         else:
             axes.fill_between(
-                x, one.confidence_low, one.confidence_high, where=one.allowed, color=color, alpha=0.2, linewidth=0
+                x, one.confidence.low, one.confidence.high, where=one.allowed, color=color, alpha=0.2, linewidth=0
             )
         marker = "o" if isinstance(factor, DiscreteFactor) else None
         axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24))
@@ -166,11 +166,8 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
 def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     factor = numeric_factor(analysis, line.index)
     mean = np.where(line.allowed, line.mean, np.nan)
-    for low, high, alpha in (
-        (line.prediction_low, line.prediction_high, 0.14),
-        (line.confidence_low, line.confidence_high, 0.32),
-    ):
-        axes.fill_between(line.x, low, high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
+    for band, alpha in ((line.prediction, 0.14), (line.confidence, 0.32)):
+        axes.fill_between(line.x, band.low, band.high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
     axes.plot(line.x, mean, color=drawing.BLUE)
     marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
@@ -186,11 +183,8 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     position = np.arange(line.x.size, dtype=np.float64)
     order = {float(value): place for place, value in enumerate(line.x)}
     shown = np.array([order.get(float(value), np.nan) for value in line.run_x])
-    for low, high, width, alpha in (
-        (line.prediction_low, line.prediction_high, 7.0, 0.25),
-        (line.confidence_low, line.confidence_high, 7.0, 0.6),
-    ):
-        axes.vlines(position, low, high, color=drawing.BLUE, alpha=alpha, linewidth=width)
+    for band, alpha in ((line.prediction, 0.25), (line.confidence, 0.6)):
+        axes.vlines(position, band.low, band.high, color=drawing.BLUE, alpha=alpha, linewidth=7.0)
     axes.scatter(
         position[line.allowed], line.mean[line.allowed], s=34, marker="D", color=drawing.BLUE, zorder=4, linewidths=0
     )
@@ -215,7 +209,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
 def slice_data(analysis: Analysis, line: Line) -> PanelData:
     """Fitted mean and bands along one factor, and the runs moved there."""
     factor = analysis.region.factors[line.index]
-    bands = (line.mean, line.confidence_low, line.confidence_high, line.prediction_low, line.prediction_high)
+    bands = (line.mean, line.confidence.low, line.confidence.high, line.prediction.low, line.prediction.high)
     rows: list[Row] = [
         ("fitted", level, *(float(band[i]) for band in bands), "yes" if line.allowed[i] else "no", math.nan)
         for i, level in enumerate(_natural(factor, line.x))
@@ -240,7 +234,7 @@ def levels_data(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> P
         (level, float(x), float(mean), float(low), float(high), "yes" if allowed else "no")
         for level, one in zip(levels.levels, lines, strict=True)
         for x, mean, low, high, allowed in zip(
-            one.x, one.mean, one.confidence_low, one.confidence_high, one.allowed, strict=True
+            one.x, one.mean, one.confidence.low, one.confidence.high, one.allowed, strict=True
         )
     ]
     names = (score_column(analysis, name) for name in ("score", "confidence low", "confidence high"))

@@ -10,7 +10,7 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, NumericFactor
-from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.intervals import Interval, Prediction
 
 GRID_POINTS = 41
 LINE_POINTS = 81
@@ -49,8 +49,10 @@ class Line:
         Of the factor.
     x : ndarray (m,)
         Natural values; level indices of a categorical factor.
-    mean, confidence_low, confidence_high, prediction_low, prediction_high : ndarray (m,)
-        Scores; bands are nan where there is no error estimate.
+    mean : ndarray (m,)
+        Score.
+    confidence, prediction : Interval of ndarray (m,)
+        Of scores; nan where there is no error estimate.
     allowed : ndarray (m,) of bool
         Whether the constraints hold.
     run_x, run_score : ndarray (n,)
@@ -60,10 +62,8 @@ class Line:
     index: int
     x: FloatArray
     mean: FloatArray
-    confidence_low: FloatArray
-    confidence_high: FloatArray
-    prediction_low: FloatArray
-    prediction_high: FloatArray
+    confidence: Interval
+    prediction: Interval
     allowed: BoolArray
     run_x: FloatArray
     run_score: FloatArray
@@ -147,19 +147,12 @@ def _line(
     analysis: Analysis, index: int, natural: FloatArray, points: FloatArray, run_x: FloatArray, run_score: FloatArray
 ) -> Line:
     """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
-    shown = predict(analysis, points)
-    return Line(
-        index,
-        natural,
-        analysis.scale.to_score(shown.mean),
-        analysis.scale.to_score(shown.confidence.low),
-        analysis.scale.to_score(shown.confidence.high),
-        analysis.scale.to_score(shown.prediction.low),
-        analysis.scale.to_score(shown.prediction.high),
-        np.asarray(analysis.region.slack(points) >= -1e-9),
-        run_x,
-        run_score,
+    shown, to_score = predict(analysis, points), analysis.scale.to_score
+    confidence, prediction = (
+        Interval(to_score(one.low), to_score(one.high)) for one in (shown.confidence, shown.prediction)
     )
+    allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
+    return Line(index, natural, to_score(shown.mean), confidence, prediction, allowed, run_x, run_score)
 
 
 def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:
