@@ -34,33 +34,19 @@ class SourceComparison:
 
     Attributes
     ----------
-    n_simulations, n_flights : int
-        Scored runs of each.
-    s_simulation, s_flight : float
-        Standard deviation of one run of each.
+    both : SourceFit
+        How many runs of each there are, their scatter, and what the prior says of the difference.
     difference : float
         Flight less simulation at the recommended settings.
     interval : Interval
         Credible interval of the difference.
-    prior_sd : float
-        Prior standard deviation of each coefficient of the difference.
-    prior_share : float
-        Share of the prior variance of the difference that is left: 1 before the first flight.
-    prior_driven : bool
-        The difference is mostly its prior.
     text : str
         One sentence.
     """
 
-    n_simulations: int
-    n_flights: int
-    s_simulation: float
-    s_flight: float
+    both: SourceFit
     difference: float
     interval: Interval
-    prior_sd: float
-    prior_share: float
-    prior_driven: bool
     text: str
 
 
@@ -376,23 +362,13 @@ class TwoSources(Surface):
 
         difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
         source = "the prior" if found.prior_driven else "the flights"
-        return SourceComparison(
-            n_simulations=found.n_simulations,
-            n_flights=found.n_flights,
-            s_simulation=found.s_simulation,
-            s_flight=found.s,
-            difference=difference,
-            interval=interval,
-            prior_sd=found.prior_sd,
-            prior_share=found.prior_share,
-            prior_driven=found.prior_driven,
-            text=(
-                "Model discrepancy at the recommended settings: flights score "
-                f"{difference:+.3g} relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to "
-                f"{interval.high:.3g}). After {found.n_flights} flights this rests mainly on {source} "
-                f"({100 * found.prior_share:.0f} % of the prior variance remains). All intervals are for flights."
-            ),
+        text = (
+            "Model discrepancy at the recommended settings: flights score "
+            f"{difference:+.3g} relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to "
+            f"{interval.high:.3g}). After {found.n_flights} flights this rests mainly on {source} "
+            f"({100 * found.prior_share:.0f} % of the prior variance remains). All intervals are for flights."
         )
+        return SourceComparison(found, difference, interval, text)
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """How blocks differ is not studied beside another source."""

@@ -11,6 +11,7 @@ import numpy as np
 from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
+from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.intervals import LackOfFit
@@ -43,7 +44,8 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
             **_of(analysis.data, "guess", "perfect"),
             **_of(decision, "attainable_half_width", "runs_needed"),
         },
-        **_of(analysis, "sources", "warnings"),
+        "sources": None if analysis.sources is None else _sources(analysis.sources),
+        **_of(analysis, "warnings"),
     }
     if analysis.thorough:
         document["blocks"] = None if analysis.blocks is None else _blocks(analysis.blocks)
@@ -257,6 +259,16 @@ def _unusual(analysis: Analysis) -> dict[str, Any]:
 def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
     """Partial F tests that were asked for."""
     return [{"test": one.asked, "terms": list(one.terms), **fields_to_json(one.test)} for one in tests]
+
+
+def _sources(found: SourceComparison) -> dict[str, Any]:
+    return {
+        **_of(found.both, "n_simulations", "n_flights", "s_simulation"),
+        "s_flight": found.both.s,
+        **_of(found, "difference", "interval"),
+        **_of(found.both, "prior_sd", "prior_share", "prior_driven"),
+        "text": found.text,
+    }
 
 
 def _blocks(found: BlockStudy) -> dict[str, Any]:

@@ -204,7 +204,7 @@ class _Chooser:
 
     def flight_weight(self) -> float:
         found = self.analysis.sources
-        return 1.0 if found is None else (found.s_simulation / found.s_flight) ** 2
+        return 1.0 if found is None else found.both.flight_weight
 
     def target(self) -> FloatArray:
         return self.analysis.optimum.point
@@ -220,8 +220,8 @@ class _Chooser:
         if two:
             found, s = self.analysis.sources, self.analysis.fit.s
             spread = float(np.std(self.scale.values)) / 5.0
-            sd = self.spec.model.discrepancy_sd or (spread if found is None else found.prior_sd)
-            sigma = s if found is None else found.s_simulation
+            sd = self.spec.model.discrepancy_sd or (spread if found is None else found.both.prior_sd)
+            sigma = s if found is None else found.both.s_simulation
             return source_prior(self.model, 0, max(sd, 1e-9), sigma, prior).Lambda0
         return None if prior is None else prior.Lambda0
 

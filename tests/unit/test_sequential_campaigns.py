@@ -434,13 +434,13 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
     ]
     made.store.ingest_files([IngestedFile("a.csv", "1", 2, tuple(flights[:2]))])
     few = made.analyse_all()[0]
-    assert few.sources.prior_driven
+    assert few.sources.both.prior_driven
     assert any("prior" in warning for warning in few.warnings)
     made.store.ingest_files([IngestedFile("b.csv", "2", 10, tuple(flights[2:]))])
     many = made.analyse_all()[0]
-    assert many.sources.n_flights == 12
+    assert many.sources.both.n_flights == 12
     assert many.sources.interval.low < 4.4 < many.sources.interval.high
-    assert many.sources.prior_share < few.sources.prior_share
+    assert many.sources.both.prior_share < few.sources.both.prior_share
     assert many.optimum.mean == pytest.approx(84.5, abs=2.0)
     proposals = made.propose(6, source="best", analyses=[many])
     assert {run.source for run in proposals} <= {"simulation", "flight"}
