@@ -276,35 +276,34 @@ def echo_sums(
     dtype = frame.elevation_m.dtype
     m = frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
-    table, factor, pattern = paired_table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
-    rows, parts = grid.rows.astype(dtype), min(threads, m)
+    found = paired_table(lut, dtype), lut.shape[1], field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
+    unseen = np.empty((0, 0), dtype=dtype), np.empty((0, 0), dtype=np.uint8)
+    parts = min(threads, m)
     edges = [k * m // parts for k in range(parts + 1)]
 
     def do(k: int) -> None:
-        kernels.sum_echoes(
-            frame.elevation_m,
-            frame.top_m,
-            frame.source,
-            frame.cover,
-            frame.field,
-            grid.geometry,
-            rows,
-            radar.range_format == "ground",
-            table,
-            lut.shape[1],
-            factor,
-            pattern,
-            grid.base,
-            grid.first,
-            edges[k],
-            edges[k + 1],
-            out,
-            np.empty((0, 0), dtype=dtype),
-            np.empty((0, 0), dtype=np.uint8),
-        )
+        _sum_echoes(radar, frame, grid, found, (edges[k], edges[k + 1]), out, unseen)
 
     in_threads(do, len(edges) - 1, threads)
     return out
+
+
+def _sum_echoes(
+    radar: RadarConfiguration,
+    frame: RadarFrame,
+    grid: EchoGrid,
+    tables: tuple[AnyArray, int, AnyArray, AnyArray],
+    columns: tuple[int, int],
+    out: AnyArray,
+    seen: tuple[AnyArray, AnyArray],
+) -> None:
+    """Some columns of a frame by the kernel; ``tables``: sigma0, its categories, factors of fields, antenna pattern."""
+    layers = frame.elevation_m, frame.top_m, frame.source, frame.cover, frame.field
+    ranges = grid.geometry, grid.rows.astype(frame.elevation_m.dtype), radar.range_format == "ground"
+    sigma0, n_categories, factor, pattern = tables
+    kernels.sum_echoes(
+        *layers, *ranges, sigma0, n_categories, factor, pattern, grid.base, grid.first, *columns, out, *seen
+    )
 
 
 def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
@@ -352,27 +351,10 @@ def state_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, g
     dtype = frame.elevation_m.dtype
     offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
     # No channels: position and state alone.
-    kernels.sum_echoes(
-        frame.elevation_m,
-        frame.top_m,
-        frame.source,
-        frame.cover,
-        frame.field,
-        grid.geometry,
-        grid.rows.astype(dtype),
-        radar.range_format == "ground",
-        np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
-        n_categories,
-        np.empty((0, 0), dtype=dtype),
-        np.empty(0, dtype=dtype),
-        grid.base,
-        grid.first,
-        0,
-        shape[1],
-        np.empty((0, grid.n_bins, shape[1]), dtype=dtype),
-        offset,
-        state,
-    )
+    sigma0 = np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
+    tables = sigma0, n_categories, np.empty((0, 0), dtype=dtype), np.empty(0, dtype=dtype)
+    nothing = np.empty((0, grid.n_bins, shape[1]), dtype=dtype)
+    _sum_echoes(radar, frame, grid, tables, (0, shape[1]), nothing, (offset, state))
     kernels.mark_layover(offset, grid.base[1:-1], state)
     del offset
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
