@@ -65,12 +65,7 @@ class Departure:
 
 
 def weigh_departure(
-    model: QuadraticModel,
-    data: ScoredRuns,
-    fit: LeastSquaresFit,
-    surface: Surface,
-    seed: int,
-    stated: bool,
+    model: QuadraticModel, data: ScoredRuns, fit: LeastSquaresFit, surface: Surface, seed: int, stated: bool
 ) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
 

@@ -105,12 +105,7 @@ class Campaign:
     # -- looking --------------------------------------------------------------------------------------------------
 
     def analyse_all(
-        self,
-        application: str | None = None,
-        *,
-        sampler: Sampler = "exact",
-        n_draws: int = 4000,
-        thorough: bool = False,
+        self, application: str | None = None, *, sampler: Sampler = "exact", n_draws: int = 4000, thorough: bool = False
     ) -> tuple[Analysis, ...]:
         """Analysis of every application, or of the one named; ``thorough``: see `analyse`; it is remembered.
 

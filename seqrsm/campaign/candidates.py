@@ -136,11 +136,7 @@ def _fits(spec: CampaignSpec, sensor: NamedSensor) -> bool:
 
 
 def measure_candidates(
-    campaign: Campaign,
-    *,
-    worlds: int = N_WORLDS,
-    workers: int = 1,
-    progress: Callable[[int, int], None] = silent,
+    campaign: Campaign, *, worlds: int = N_WORLDS, workers: int = 1, progress: Callable[[int, int], None] = silent
 ) -> dict[str, Any]:
     """Compare every candidate with the optimum of every application.
 

@@ -112,13 +112,7 @@ class _Chooser:
         self.scale = analysis.scale
 
     def batch(
-        self,
-        done: Sequence[_Made],
-        n: int,
-        source: str,
-        df_pure_error: int,
-        barred: FloatArray,
-        ties: int,
+        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 

@@ -185,12 +185,7 @@ class SimulationResult:
     fault: str = ""
 
 
-def task_of(
-    spec: CampaignSpec,
-    run_id: int,
-    settings: Mapping[str, float | str],
-    cells: int = 0,
-) -> SimulationTask:
+def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str], cells: int = 0) -> SimulationTask:
     """Task of one run of a campaign.
 
     ``cells``: see `SimulationTask`. Every run lies in a world of its own; what is no run meets the table's own means.

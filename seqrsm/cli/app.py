@@ -302,11 +302,7 @@ def propose(
 @app.command()
 @guarded
 def simulate(
-    folder: Folder,
-    workers: Workers = 1,
-    cluster: Cluster = None,
-    accept: Accepted = False,
-    as_json: AsJson = False,
+    folder: Folder, workers: Workers = 1, cluster: Cluster = None, accept: Accepted = False, as_json: AsJson = False
 ) -> None:
     """Simulate the issued runs."""
     from seqrsm.cli.show import run_row, show_runs
@@ -456,10 +452,7 @@ def tradeoff(
     spec = load_spec(folder)
     with display("measuring", inner=False) as shown:
         result = measure_tradeoff(
-            spec,
-            configurations=configurations,
-            occasions=occasions,
-            progress=partial(shown.count, "measuring"),
+            spec, configurations=configurations, occasions=occasions, progress=partial(shown.count, "measuring")
         )
     units = {one.name: one.score_unit for one in spec.applications}
     print_json(result) if as_json else show_blocks(tradeoff_blocks(result, units))
@@ -492,8 +485,7 @@ def report(
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this HTML file.")] = None,
     pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this PDF file.")] = None,
     figures: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write each figure as SVG, PDF and PNG, and its data as CSV."),
+        Path | None, typer.Option(metavar="DIR", help="Write each figure as SVG, PDF and PNG, and its data as CSV.")
     ] = None,
 ) -> None:
     """Write the report as HTML and PDF. By default both, into the campaign's reports/ folder."""

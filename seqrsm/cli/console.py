@@ -221,11 +221,7 @@ def line(text: str = "", indent: int = 0) -> None:
         hang = indent + (2 if text.startswith("- ") else 0)
         # Wrapped before fixed blanks become plain ones, so that a number stays beside its unit.
         text = textwrap.fill(
-            _bound(text),
-            columns,
-            initial_indent=" " * indent,
-            subsequent_indent=" " * hang,
-            break_on_hyphens=False,
+            _bound(text), columns, initial_indent=" " * indent, subsequent_indent=" " * hang, break_on_hyphens=False
         )
     else:
         text = " " * indent + text
@@ -245,11 +241,7 @@ def heading(text: str) -> None:
 
 
 def show_table(
-    columns: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    *,
-    title: str = "",
-    sides: Sequence[str] = ("left", "right"),
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", sides: Sequence[str] = ("left", "right")
 ) -> None:
     """A table on stdout: ruled on a terminal, blanks between columns when piped.
 

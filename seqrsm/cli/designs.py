@@ -130,13 +130,7 @@ def _classical(kind: str, factors: tuple[Factor, ...], runs: int | None, centre:
 
 
 def _optimal(
-    model: QuadraticModel,
-    region: Region,
-    prior: FloatArray,
-    runs: int | None,
-    centre: int,
-    criterion: str,
-    seed: int,
+    model: QuadraticModel, region: Region, prior: FloatArray, runs: int | None, centre: int, criterion: str, seed: int
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Points, and what the search tells."""
     if runs is None:

@@ -140,8 +140,7 @@ def scene_synthetic(
 @scene_app.command("show")
 @guarded
 def scene_show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")],
-    as_json: AsJson = False,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")], as_json: AsJson = False
 ) -> None:
     """Show the contents of a scene."""
     from seqrsm.cli.show import show_scene

@@ -28,8 +28,7 @@ def design(
         list[str] | None, typer.Option(metavar="EXPR", help="Constraint, such as 'a + b <= 1'.")
     ] = None,
     kind: Annotated[
-        str,
-        typer.Option("--design", help="optimal, factorial, factorial3, ccd-face, ccd-rotatable or ccd-inscribed."),
+        str, typer.Option("--design", help="optimal, factorial, factorial3, ccd-face, ccd-rotatable or ccd-inscribed.")
     ] = "optimal",
     order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
     centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,

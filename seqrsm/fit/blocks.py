@@ -103,12 +103,7 @@ class RandomBlockPosterior:
         return beta, sigma, sigma * np.sqrt(self.ratios[which])
 
     def predict(
-        self,
-        rows: FloatArray,
-        level: float = 0.95,
-        *,
-        weight: float = 1.0,
-        replicates: float = 1,
+        self, rows: FloatArray, level: float = 0.95, *, weight: float = 1.0, replicates: float = 1
     ) -> Prediction:
         """Mean response of the average day, and future runs on a new day, which brings its own effect.
 
@@ -141,11 +136,7 @@ class RandomBlockPosterior:
 
 
 def fit_random_blocks(
-    Z: FloatArray,
-    y: FloatArray,
-    days: Sequence[object],
-    *,
-    weights: FloatArray | None = None,
+    Z: FloatArray, y: FloatArray, days: Sequence[object], *, weights: FloatArray | None = None
 ) -> RandomBlockPosterior:
     """Fit ``y = Z beta + u_day + e``.
 

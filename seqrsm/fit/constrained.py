@@ -157,12 +157,7 @@ def _tangent(region: Region, points: FloatArray, free: list[int], gradient: Floa
 
 
 def line_ascent(
-    region: Region,
-    constant: float,
-    linear: FloatArray,
-    quadratic: FloatArray,
-    start: FloatArray,
-    rounds: int = 20,
+    region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray, rounds: int = 20
 ) -> tuple[FloatArray, float]:
     """Exact maximisation along one continuous coordinate after the other, over its feasible intervals.
 

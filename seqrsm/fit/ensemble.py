@@ -170,12 +170,7 @@ def sample_posterior(
     return _run(target, Effort() if effort is None else effort, seed)
 
 
-def sample_model(
-    model: GeneralModel,
-    *,
-    seed: int,
-    effort: Effort | None = None,
-) -> Sampled:
+def sample_model(model: GeneralModel, *, seed: int, effort: Effort | None = None) -> Sampled:
     """Sample any model with a log density, such as that of counts.
 
     Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a

@@ -182,11 +182,7 @@ class LeastSquaresFit:
         return np.asarray(np.sum(np.square(self.rows_with_mean_block(rows) @ self.factor), axis=1))
 
     def predict(
-        self,
-        rows: FloatArray,
-        level: float = 0.95,
-        weight: float | FloatArray = 1.0,
-        replicates: float = 1,
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Estimated response, confidence and prediction interval.
 

@@ -47,12 +47,7 @@ _ENDS = (0.025, 0.975)
 
 
 def student_draws(
-    Z: FloatArray,
-    y: FloatArray,
-    weights: FloatArray,
-    prior: Prior,
-    n_draws: int,
-    rng: np.random.Generator,
+    Z: FloatArray, y: FloatArray, weights: FloatArray, prior: Prior, n_draws: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, dict[str, float]]:
     """Posterior of coefficients and scale under Student-t errors.
 

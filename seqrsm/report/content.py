@@ -57,8 +57,7 @@ def build_report(dossier: Dossier) -> Report:
             methods += how
         else:
             parts.insert(
-                0,
-                result_section(spec, analysis, dossier.rests, f"{key}-result", "Optimum for this application alone"),
+                0, result_section(spec, analysis, dossier.rests, f"{key}-result", "Optimum for this application alone")
             )
             sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
             methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))

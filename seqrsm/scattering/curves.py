@@ -296,13 +296,7 @@ def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
     notes = [f"level, with the regression's course over angle ({'; '.join(kinds)})"] if kinds else []
     notes.append("X and Ku bands at the level of C band (assumed: assumed_high_bands)")
     assumed = (("assumed",) * 3,) * len(_HIGH_BANDS_GHZ)
-    return _curve(
-        row,
-        [*nodes, *_HIGH_BANDS_GHZ],
-        moved,
-        notes=notes,
-        status=(*(tuple(s) for s in status), *assumed),
-    )
+    return _curve(row, [*nodes, *_HIGH_BANDS_GHZ], moved, notes=notes, status=(*(tuple(s) for s in status), *assumed))
 
 
 def _soil_curve(row: Row, own: _Parameters) -> Curve:

@@ -182,12 +182,7 @@ class EmissivityTable:
         return replace(self, world=world)
 
     def lookup(
-        self,
-        categories: Sequence[str],
-        frequency_ghz: float,
-        polarization: str,
-        *,
-        day: float | None = None,
+        self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, day: float | None = None
     ) -> EmissivityLookup:
         """Emissivity of ``categories`` for one channel.
 

@@ -28,13 +28,7 @@ def is_vector(path: str | Path) -> bool:
 
 
 def burn_layer(
-    path: str | Path,
-    x: FloatArray,
-    y: FloatArray,
-    *,
-    epsg: int | None,
-    attribute: str | None,
-    words: Mapping[str, int],
+    path: str | Path, x: FloatArray, y: FloatArray, *, epsg: int | None, attribute: str | None, words: Mapping[str, int]
 ) -> tuple[IntArray, BoolArray]:
     """Numbers of a layer's polygons in the cells whose centres lie in them, and the cells that lie in one.
 

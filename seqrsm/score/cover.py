@@ -66,13 +66,7 @@ def score_cover(
 
 
 def percent_correct(
-    images: Sequence[Image],
-    scene: Scene,
-    *,
-    by: str = "pixel",
-    seed: int,
-    run_id: int,
-    tile_m: float | None = None,
+    images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, tile_m: float | None = None
 ) -> UtilityScore:
     """Percent of scored cells named rightly; ``tile_m``: side of a tile of ground [m], else see `score_cover`."""
     evidence = evidence_of(images, scene, by=by, seed=seed, run_id=run_id, tile_m=tile_m)

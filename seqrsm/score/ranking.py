@@ -110,10 +110,7 @@ def fit_rankings(
     free = sharpness_prior_sd > 0.0 and n_interpreters > 1
     sharp_basis = _contrasts(n_interpreters) if free else np.zeros((n_interpreters, 0))
     to_all = np.block(
-        [
-            [basis, np.zeros((n_images, sharp_basis.shape[1]))],
-            [np.zeros((n_interpreters, basis.shape[1])), sharp_basis],
-        ]
+        [[basis, np.zeros((n_images, sharp_basis.shape[1]))], [np.zeros((n_interpreters, basis.shape[1])), sharp_basis]]
     )
     precision = np.concatenate(
         [np.full(n_images, score_prior_sd**-2.0), np.full(n_interpreters, sharpness_prior_sd**-2.0 if free else 0.0)]

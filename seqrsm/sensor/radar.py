@@ -338,11 +338,7 @@ class RadarConfiguration:
         return np.maximum(available if self.looks is None else np.minimum(available, self.looks), 1.0)
 
     def received_power_w(
-        self,
-        sigma0: float,
-        incidence_rad: FloatArray,
-        slant_range_m: FloatArray,
-        look_rad: FloatArray | None = None,
+        self, sigma0: float, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray | None = None
     ) -> FloatArray:
         """Mean power of one pulse from one single-look cell of flat ground [W]: eq. (3-20).
 

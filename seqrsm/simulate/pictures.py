@@ -165,11 +165,7 @@ def labelled_arrays(picture: Picture) -> dict[str, tuple[tuple[str, ...], AnyArr
     """
     n_lines, n_samples = picture.values.shape[1:]
     found: dict[str, tuple[tuple[str, ...], AnyArray, dict[str, str]]] = {
-        "image": (
-            ("channel", "line", "sample"),
-            picture.told(),
-            {"long_name": picture.quantity, "units": picture.unit},
-        )
+        "image": (("channel", "line", "sample"), picture.told(), {"long_name": picture.quantity, "units": picture.unit})
     }
     for name, given in picture.arrays.items():
         values = np.asarray(given)

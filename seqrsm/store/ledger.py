@@ -192,8 +192,7 @@ class Ledger:
         self.connection.execute(sa.insert(SCORES), rows)
         digests = self._digests({row["run_id"] for row in rows})
         self.log(
-            "scored",
-            [(row["run_id"], {**_scored_detail(row), "run_digest": digests[row["run_id"]]}) for row in rows],
+            "scored", [(row["run_id"], {**_scored_detail(row), "run_digest": digests[row["run_id"]]}) for row in rows]
         )
 
 

@@ -34,10 +34,7 @@ METADATA = sa.MetaData(
 
 # key -> value: "campaign", "created_at", "created_version".
 META = sa.Table(
-    "meta",
-    METADATA,
-    sa.Column("key", sa.String(64), primary_key=True),
-    sa.Column("value", sa.Text, nullable=False),
+    "meta", METADATA, sa.Column("key", sa.String(64), primary_key=True), sa.Column("value", sa.Text, nullable=False)
 )
 
 RUNS = sa.Table(

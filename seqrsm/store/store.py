@@ -132,13 +132,7 @@ class Store:
 
     # -- proposing and carrying out -------------------------------------------------------------------------------
 
-    def add_batch(
-        self,
-        runs: Sequence[NewRun],
-        *,
-        issue: bool = False,
-        budget: int | None = None,
-    ) -> tuple[int, ...]:
+    def add_batch(self, runs: Sequence[NewRun], *, issue: bool = False, budget: int | None = None) -> tuple[int, ...]:
         """Store proposals as one batch; all or none. A decision, see `mark`.
 
         Parameters

@@ -63,10 +63,7 @@ def main() -> None:
         ("1000 optima, ten L-BFGS-B starts each (baseline)", baseline),
         ("1000 exact optima of posterior draws", median_seconds(lambda: optimum_draws(model, region, betas))),
         ("one exact optimum", median_seconds(lambda: optimum(model, region, betas[0]))),
-        (
-            "a batch of 4 proposals",
-            median_seconds(lambda: propose_batch(model, region, evidence, sought, 4)),
-        ),
+        ("a batch of 4 proposals", median_seconds(lambda: propose_batch(model, region, evidence, sought, 4))),
         ("a process of 60 runs, four factors", median_seconds(look)),
         ("a batch of 4 proposals of it", median_seconds(next_four)),
     ]

@@ -329,13 +329,7 @@ def main() -> None:
             row += f" {slow * 1e3:.0f} | {slow / fast:.0f} |"
             rates.append(n * n / slow / 1e6)
         lines.append(row)
-    lines += [
-        "",
-        "Time of the parts [ms]:",
-        "",
-        "| part | 250² | 1000² | 4000² |",
-        "|---|---|---|---|",
-    ]
+    lines += ["", "Time of the parts [ms]:", "", "| part | 250² | 1000² | 4000² |", "|---|---|---|---|"]
     tiny, small, large = (stages(site(n), sensor(n)) for n in (250, 1000, 4000))
     lines += [
         f"| {a} | {s * 1e3:.3f} | {t * 1e3:.2f} | {u * 1e3:.1f} |"

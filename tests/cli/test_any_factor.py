@@ -131,11 +131,7 @@ def test_pictures_and_studies_of_such_a_campaign(varied, tmp_path):
     assert "monsoon" in refusal.stderr
     study = told("tradeoff", varied, "--configurations", 3, "--occasions", 2)
     assert not study["simulation"]["failures"]
-    assert {row["season"] for row in study["simulation"]["configurations"]} <= {
-        "spring_summer",
-        "fall",
-        "winter",
-    }
+    assert {row["season"] for row in study["simulation"]["configurations"]} <= {"spring_summer", "fall", "winter"}
 
 
 REFUSED = {

@@ -385,7 +385,7 @@ def test_check_tells_the_margin_of_a_satellites_data_rate(tmp_path, tiny_scene) 
 def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     found = json.loads(ok("check", copy, "--json"))["hardware"]
     assert [one.partition(",")[0] for one in found] == [
-        *("swath against pulse rate", "gain against beam", "antenna area against ambiguities", "data rate"),
+        *("swath against pulse rate", "gain against beam", "antenna area against ambiguities", "data rate")
     ]
     assert all("margin" in one for one in found[:-1])
     assert "4 bits (assumed)" in found[-1]

@@ -32,12 +32,7 @@ KINDS: dict[str, tuple[str, Rows, str, str]] = {
     "plain": (X + FREQUENCY, QUADRATIC, "", MEASURED),
     "category": (X + POL, [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(QUADRATIC)], "", MEASURED),
     "logit": (X + FREQUENCY, QUADRATIC, '[model]\nresponse = "logit"\n', PERCENT),
-    "errors": (
-        X,
-        [row | {"se": 1 + i % 3} for i, row in enumerate(QUADRATIC)],
-        '[model]\nweights = "se"\n',
-        MEASURED,
-    ),
+    "errors": (X, [row | {"se": 1 + i % 3} for i, row in enumerate(QUADRATIC)], '[model]\nweights = "se"\n', MEASURED),
     "student": (X + FREQUENCY, QUADRATIC, '[model]\nerrors = "student_t"\n', MEASURED),
     "days": (X + FREQUENCY, BLOCKED, '[model]\nblock = "block"\n', MEASURED),
     "random days": (X + FREQUENCY, BLOCKED, '[model]\nblock = "block"\nblock_effect = "random"\n', MEASURED),

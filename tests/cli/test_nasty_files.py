@@ -38,15 +38,7 @@ utility = "{utility}"
 half_width = 3
 """
 HEADER = "frequency,resolution,polarization,score"
-GOOD = [
-    "1.5,12,HH,70",
-    "3,20,VV,72.5",
-    "5,30,HH,68",
-    "9,40,VV,61.25",
-    "2,55,HH,64",
-    "7,8,HH+HV,66.5",
-    "4,25,HH,71.125",
-]
+GOOD = ["1.5,12,HH,70", "3,20,VV,72.5", "5,30,HH,68", "9,40,VV,61.25", "2,55,HH,64", "7,8,HH+HV,66.5", "4,25,HH,71.125"]
 NUMBERS = "measured"
 PERCENT = "percent_correct"
 

@@ -62,11 +62,7 @@ def level_w(plain: dict[str, np.ndarray], folder: Path) -> float:
 
 @pytest.mark.parametrize(
     ("receiver", "law"),
-    [
-        ("square_law", lambda p, a: p**2 / a),
-        ("saturation", np.minimum),
-        ("compression", lambda p, a: p**2 / (p + a)),
-    ],
+    [("square_law", lambda p, a: p**2 / a), ("saturation", np.minimum), ("compression", lambda p, a: p**2 / (p + a))],
 )
 def test_receivers(campaign, receiver, law):
     folder = campaign(QUIET)

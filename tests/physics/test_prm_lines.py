@@ -44,9 +44,7 @@ def test_registration_is_that_of_a_search_over_all_footprints(speed, averaged):
     chosen = np.take_along_axis(distance, line[..., None], axis=-1)[..., 0]
     np.testing.assert_allclose(chosen, distance.min(axis=-1), atol=2e-3)
     np.testing.assert_allclose(
-        np.abs(scan.look_rad[sample] - phi),
-        np.abs(scan.look_rad[:, None, None] - phi).min(axis=0),
-        atol=1e-6,
+        np.abs(scan.look_rad[sample] - phi), np.abs(scan.look_rad[:, None, None] - phi).min(axis=0), atol=1e-6
     )
     width = 50.0 / np.cos(phi)
     along = (np.abs(centres - x[..., None]) <= 0.5 * width[..., None]).sum(axis=-1)

@@ -40,13 +40,7 @@ def test_rotatable_designs_have_the_same_variance_on_spheres(k, axial):
     assert np.ptp(prediction_variance(model(k), central_composite(k, "face"), sphere(k, 1.0))) > 0.1
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: full_factorial([2] * 30),
-        lambda: central_composite(1),
-    ],
-)
+@pytest.mark.parametrize("make", [lambda: full_factorial([2] * 30), lambda: central_composite(1)])
 def test_impossible_designs_are_refused(make):
     with pytest.raises(DesignError):
         make()

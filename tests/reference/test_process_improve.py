@@ -79,9 +79,7 @@ def test_random_problems(number: int) -> None:
     assert isinstance(lack, LackOfFit)
     assert (lack.df_lof, lack.df_pe) == (theirs["df_lack_of_fit"], theirs["df_pure_error"])
     np.testing.assert_allclose(
-        [lack.ss_lof, lack.f, lack.p],
-        [theirs["ss_lack_of_fit"], theirs["f_statistic"], theirs["p_value"]],
-        rtol=1e-8,
+        [lack.ss_lof, lack.f, lack.p], [theirs["ss_lack_of_fit"], theirs["f_statistic"], theirs["p_value"]], rtol=1e-8
     )
     # process-improve predicts for the mean block.
     predicted = fit.predict(fit.rows_with_mean_block(model.matrix(rows(new))), 0.95)

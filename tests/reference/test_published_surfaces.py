@@ -142,10 +142,7 @@ def test_yield_of_a_chemical_process(tmp_path: Path) -> None:
     best = found["departure"]["optimum_of_quadratic"]
     assert found["stationary_point"]["value"] == pytest.approx(80.21, abs=5e-3)
     assert found["optimum"]["mean"] == pytest.approx(80.21, abs=0.1)
-    assert (best["time"], best["temperature"]) == (
-        pytest.approx(87.0, abs=0.1),
-        pytest.approx(176.5, abs=0.1),
-    )
+    assert (best["time"], best["temperature"]) == (pytest.approx(87.0, abs=0.1), pytest.approx(176.5, abs=0.1))
 
 
 def test_stack_loss_with_a_matrix_of_its_own() -> None:

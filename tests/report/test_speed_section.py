@@ -26,7 +26,7 @@ MEASURED = {
         "applications": {"ground-cover": [row(0, 1.0, 0.0), row(2, 0.1, 0.3)]},
         "failures": [],
         "tolerance": 0.5,
-    },
+    }
 }
 
 

@@ -101,11 +101,7 @@ def test_ties_sum_over_all_orders(spread):
 
 def test_derivatives_by_differences():
     rng = np.random.default_rng(8)
-    rankings = [
-        Ranking(0, ((0, 3), (1,), (2, 4))),
-        Ranking(1, ((1,), (0, 2, 4), (3,))),
-        Ranking(1, ((4,), (2,))),
-    ]
+    rankings = [Ranking(0, ((0, 3), (1,), (2, 4))), Ranking(1, ((1,), (0, 2, 4), (3,))), Ranking(1, ((4,), (2,)))]
     x = rng.normal(size=7)
     _, gradient, hessian = log_likelihood(rankings, x[:5], x[5:])
     step = 1e-5

@@ -241,10 +241,6 @@ def test_flevoland(store):
     lines = (folder / "flight_scores.csv").read_text().splitlines()[1:]
     for run, line in zip(store.runs(), lines, strict=True):
         polarization, looks, resolution, score, n = line.split(",")
-        assert run.settings == {
-            "polarization": polarization,
-            "looks": float(looks),
-            "resolution": float(resolution),
-        }
+        assert run.settings == {"polarization": polarization, "looks": float(looks), "resolution": float(resolution)}
         assert run.scores[0].score == float(score)
         assert (run.scores[0].n, run.scores[0].metadata) == (None, {"n_test_pixels": n})

@@ -38,10 +38,7 @@ class _FirstDraws(process.Process):
 
 WHOLE = "whole"
 PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
-    "process": (
-        "the quadratic alone, for answer and proposals",
-        lambda: [patch.object(belief, "MOST_RUNS", 0)],
-    ),
+    "process": ("the quadratic alone, for answer and proposals", lambda: [patch.object(belief, "MOST_RUNS", 0)]),
     "quadratic": (
         "the process alone, with no probability for the quadratic",
         lambda: [patch.object(belief, "PRIOR_LOG_ODDS", 1e3)],
@@ -51,10 +48,7 @@ PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
         lambda: [patch.object(belief, "Process", _FirstDraws)],
     ),
     "bends": ("straight axes", lambda: [patch.object(process, "_BEND", (0.0, 1e-3))]),
-    "correction": (
-        "no correction for selection bias",
-        lambda: [patch.object(conclude, "optimism", lambda *_: 0.0)],
-    ),
+    "correction": ("no correction for selection bias", lambda: [patch.object(conclude, "optimism", lambda *_: 0.0)]),
 }
 """A part, what is left without it, and what takes it out."""
 GONE = {"growth": "noise that is the same everywhere, as in the program today"}

@@ -71,7 +71,7 @@ NOTES = {
         "and correction are in units of the error's s.d. The last column is the t interval of RSL TR 380-1 "
         "eq. (2-17) at the quadratic's own optimum, as if the settings had been fixed beforehand: on a flat surface it "
         "covers as little as 52 %, the program's 93 to 97 %."
-    ),
+    )
 }
 
 

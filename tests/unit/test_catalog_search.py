@@ -117,11 +117,7 @@ def entry(number: int) -> Entry:
 
 @pytest.mark.parametrize(
     "result",
-    [
-        search("soil moisture"),
-        summary(search("soil moisture")),
-        CATALOG,
-    ],
+    [search("soil moisture"), summary(search("soil moisture")), CATALOG],
     ids=["entries", "summary", "catalog"],
 )
 def test_json(result: object) -> None:

@@ -46,7 +46,7 @@ FLOWN = [
 def test_radars_that_flew_keep_every_rule(radar: RadarConfiguration, swath_km: float) -> None:
     found = margins(radar, swath_km)
     assert set(found) == {
-        *("swath against pulse rate", "gain against beam", "antenna area against ambiguities", "speed against orbit"),
+        *("swath against pulse rate", "gain against beam", "antenna area against ambiguities", "speed against orbit")
     }
     assert min(found.values()) > 1.0
 

@@ -25,10 +25,7 @@ CASES = {
 def made(k: int, levels: tuple[int, ...], n: int, seed: int = 2) -> tuple[Process, dict[str, np.ndarray]]:
     """With weights and two blocks."""
     rng, points = np.random.default_rng(seed), spread(n, k, levels)
-    given = {
-        "weights": np.exp(rng.normal(size=n)),
-        "nuisance": np.where(np.arange(n) % 2, 1.0, -1.0)[:, None],
-    }
+    given = {"weights": np.exp(rng.normal(size=n)), "nuisance": np.where(np.arange(n) % 2, 1.0, -1.0)[:, None]}
     y = hill(points[:, :k]) + (2.0 * points[:, -1] if levels else 0.0) + rng.normal(size=n)
     return fitted(points, y, levels=levels, **given), given | {"points": points, "y": y}
 

@@ -322,13 +322,7 @@ def test_proposals_are_feasible_on_levels_and_within_constraints() -> None:
     points = region.sample(24, rng)
     targets, _ = optimum_draws(model, region, rng.normal(size=(40, model.p)))
     found = propose(
-        model,
-        region,
-        Z_done=model.matrix(points),
-        points_done=points,
-        x_hat=targets[0],
-        target_points=targets,
-        n=12,
+        model, region, Z_done=model.matrix(points), points_done=points, x_hat=targets[0], target_points=targets, n=12
     )
     assert region.feasible(np.array([p.point for p in found]), tol=0.0).all()
 

@@ -82,11 +82,7 @@ def test_notes_tell_every_assumption() -> None:
 
 
 def test_status_is_the_weakest() -> None:
-    assert TABLE.lookup(["Bareground", "Wheat", "Corn"], 1.25, "HH").status == (
-        "computed",
-        "measured",
-        "measured",
-    )
+    assert TABLE.lookup(["Bareground", "Wheat", "Corn"], 1.25, "HH").status == ("computed", "measured", "measured")
     assert TABLE.lookup(["Bareground"], 1.25, "HH", soil_moisture=0.1).status == ("assumed",)
     assert TABLE.lookup(["Wheat", "Scrub"], 5.4, "HH").status == ("computed", "public_code")
     assert TABLE.lookup(["Wheat", "Trees"], 5.4, "VV").status == ("measured", "assumed")

@@ -14,15 +14,7 @@ from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made():
-    return synthetic_scene(
-        67,
-        90,
-        5.0,
-        categories=("Wheat", "Trees"),
-        field_m=60.0,
-        relief_m=30.0,
-        seed=3,
-    )
+    return synthetic_scene(67, 90, 5.0, categories=("Wheat", "Trees"), field_m=60.0, relief_m=30.0, seed=3)
 
 
 @pytest.mark.parametrize("cells", [1, 400, 1000])

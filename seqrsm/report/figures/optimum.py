@@ -76,10 +76,7 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
     places, member = np.unique(analysis.data.points[:, pair], axis=0, return_inverse=True)
     layers: tuple[tuple[FloatArray, dict[str, Any]], ...] = (
         (cloud, {"s": 5, "color": drawing.ORANGE, "alpha": 0.55, "linewidths": 0, "zorder": 3}),
-        (
-            places,
-            {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4},
-        ),
+        (places, {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4}),
         (
             analysis.optimum.point[None, pair],
             {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": _BLACK, "linewidths": 0.9, "zorder": 5},

@@ -37,9 +37,5 @@ def application_sections(
 
 def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
     """Return how the findings on one application were found: model, shape, paths, diagnostics."""
-    sections = (
-        model_section(analysis, key),
-        shape_section(analysis, key),
-        diagnostics_section(analysis, key),
-    )
+    sections = (model_section(analysis, key), shape_section(analysis, key), diagnostics_section(analysis, key))
     return tuple(section for section in sections if section is not None)

@@ -120,10 +120,7 @@ def surface_temperature_k(
         heating = np.ones(NO_COVER + 1)
         heating[: len(lookup.heating)] = lookup.heating
         base = physical_temperature_k(
-            exposure,
-            np.take(heating, frame.cover),
-            radiometer.temperature_low_k,
-            radiometer.temperature_high_k,
+            exposure, np.take(heating, frame.cover), radiometer.temperature_low_k, radiometer.temperature_high_k
         )
     departure = np.take(occasion.temperature_offset_k + occasion.field_temperature_k, frame.field)
     return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)

@@ -500,13 +500,7 @@ def average_across(
 
 
 @kernel
-def register_cells(
-    offset: AnyArray,
-    state: AnyArray,
-    scan: AnyArray,
-    footprint: AnyArray,
-    coverage: AnyArray,
-) -> None:
+def register_cells(offset: AnyArray, state: AnyArray, scan: AnyArray, footprint: AnyArray, coverage: AnyArray) -> None:
     """Nearest footprint of every element, and how many half-power footprints of single sweeps hold its centre.
 
     Parameters
