@@ -159,10 +159,10 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
         if application.goal != "maximize":
             message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
             raise ScoresFileError(Problem(message, 'Rank 1 is the best image: set goal = "maximize".', name))
-    file = read_rankings(text, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
-    images = [image for ranking in file.rankings for image in ranking.images]
-    outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
-    ingested = IngestedFile(file.name, file.sha256, len(images), rankings=file.rankings)
+    rankings = read_rankings(text, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
+    images = [image for ranking in rankings for image in ranking.images]
+    outside = _outside(spec, name, {im.line: im.settings for im in images if im.settings is not None})
+    ingested = IngestedFile(name, text.sha256, len(images), rankings=rankings)
     return ingested, outside, (), outside_messages(outside), None
 
 

@@ -90,8 +90,8 @@ def _ends(axes: Axes) -> FloatArray:
     return np.array(rows)
 
 
-def feasible_anchors(axes: Axes, slacks: Callable[[FloatArray], FloatArray], count: int = 256) -> FloatArray:
-    """Return some feasible points (m, k), m <= ``count``; none where none could be found.
+def feasible_anchors(axes: Axes, slacks: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return some feasible points (m, k), 256 at most; none where none could be found.
 
     A cover of the box first; where that meets nothing, the points nearest to feasible are improved coordinate by
     coordinate, so that a thin region is found too.
@@ -102,8 +102,8 @@ def feasible_anchors(axes: Axes, slacks: Callable[[FloatArray], FloatArray], cou
     if good.shape[0] == 0:
         order = np.argsort(-worst, kind="stable")[:64]
         good = _climb(axes, slacks, points[order])
-    step = max(good.shape[0] // count, 1)
-    anchors: FloatArray = good[::step][:count]
+    step = max(good.shape[0] // 256, 1)
+    anchors: FloatArray = good[::step][:256]
     return anchors
 
 

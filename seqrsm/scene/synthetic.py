@@ -23,7 +23,6 @@ def synthetic_scene(
     categories: Sequence[str],
     field_m: float = 150.0,
     relief_m: float = 0.0,
-    exponent: float = 3.5,
     seed: int = 0,
 ) -> Scene:
     """Scene of drawn fields on drawn terrain.
@@ -38,7 +37,7 @@ def synthetic_scene(
         Cover categories, each of as many fields on average.
     field_m : float
         Mean side of a field [m], at least one cell.
-    relief_m, exponent : float
+    relief_m : float
         Of the terrain, see `seqrsm.scene.terrain.fractal_terrain`; flat by default.
     seed : int
         Seed of everything that is drawn.
@@ -61,7 +60,7 @@ def synthetic_scene(
         raise SceneError(
             Problem(f"a field must be at least one cell of {cell_m} m wide", field="field_m", value=field_m)
         )
-    elevation = fractal_terrain(rows, cols, relief_m=relief_m, exponent=exponent, seed=seed).astype(np.float32)
+    elevation = fractal_terrain(rows, cols, relief_m=relief_m, seed=seed).astype(np.float32)
     piece = voronoi_labels(rows, cols, side, seed=seed)
     # A draw for each piece, not for each of its cells.
     cover = draw_index(np.arange(int(piece.max()) + 1), [1.0] * len(categories), seed=seed + 1).astype(np.uint8)[piece]

@@ -42,22 +42,15 @@ class MeasuredRanking:
     images: tuple[RankedImage, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class RankingsFile:
-    """A file that was read without errors: name without folder, SHA-256 of the bytes, rankings in order."""
-
-    name: str
-    sha256: str
-    rankings: tuple[MeasuredRanking, ...]
-
-
 def is_rankings_file(source: TableSource) -> bool:
     """Whether the header has a column ``interpreter`` and one ``rank``."""
     return {"interpreter", "rank"} <= {split_header(text)[0] for text in _Reader(source, ()).table.header}
 
 
-def read_rankings(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> RankingsFile:
-    """Read a file of rankings.
+def read_rankings(
+    source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]
+) -> tuple[MeasuredRanking, ...]:
+    """The rankings of a file, in its order.
 
     Parameters
     ----------
@@ -75,7 +68,7 @@ def read_rankings(source: TableSource, factors: Sequence[FactorColumn], measures
     reader = _Reader(source, factors, measures)
     rankings = reader.rankings()
     reader.refuse()
-    return RankingsFile(reader.file.name, reader.file.sha256, rankings)
+    return rankings
 
 
 class _Reader(CellReader):

@@ -407,9 +407,7 @@ class Store:
             ledger.log("look", [(None, {"look": number, **told, "look_digest": look_digest(plain(summary))})])
             return number
 
-    def add_event(
-        self, kind: str, detail: Mapping[str, Any], run_id: int | None = None, *, once: Sequence[str] = ()
-    ) -> None:
+    def add_event(self, kind: str, detail: Mapping[str, Any], *, once: Sequence[str] = ()) -> None:
         """Note something that is no change of a run: a stop, a report, an interruption.
 
         ``once``: keys of the detail; where an event of this kind has the same values of them, none is added.
@@ -418,7 +416,7 @@ class Store:
         with self._write() as ledger:
             told = ledger.connection.execute(sa.select(EVENTS.c.detail).where(EVENTS.c.kind == kind)).scalars()
             if not (once and any(all(old.get(key) == detail[key] for key in once) for old in told)):
-                ledger.log(kind, [(run_id, detail)])
+                ledger.log(kind, [(None, detail)])
 
     def mark(self) -> None:
         """From here on what is read is what the next decision rests on; own decisions move the mark."""

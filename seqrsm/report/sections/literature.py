@@ -120,8 +120,8 @@ def catalogue_words(name: str, description: str, system: str, wanted: str = "") 
     return None
 
 
-def _phrases(words: tuple[str, ...], longest: int = 4) -> Iterator[str]:
-    for length in range(min(longest, len(words)), 0, -1):
+def _phrases(words: tuple[str, ...]) -> Iterator[str]:
+    for length in range(min(4, len(words)), 0, -1):
         for first in range(len(words) - length + 1):
             phrase = words[first : first + length]
             says = {word for word in phrase if len(word) > 2} - _GENERIC  # "e" is in every "e.g."
