@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
+from seqrsm.campaign.simulation import NO_RUN, SimulationTask, scene_at, score_images, simulate_images, task_of
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
+from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.pictures import (
     GreyScale,
@@ -30,16 +32,12 @@ from seqrsm.simulate.pictures import (
     write_npz,
     write_png,
 )
-from seqrsm.spec.read import fixed_problem
+from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.spec.read import CampaignSpec, fixed_problem
 
 if TYPE_CHECKING:
-    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.campaign import Campaign
-    from seqrsm.campaign.simulation import SimulationTask
-    from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.radar.result import RadarImage
-    from seqrsm.simulate.radiometer.result import RadiometerImage
-    from seqrsm.spec.read import CampaignSpec
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from seqrsm.campaign.export import factor_columns
 from seqrsm.campaign.guards import suspects
@@ -20,13 +20,10 @@ from seqrsm.plain import shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
-from seqrsm.score.table import TableText, table_text
+from seqrsm.score.table import TableSource, TableText, table_text
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import IngestedFile, IngestedRun, IngestOutcome, NewScore, RankingSummary, Settings
 from seqrsm.store.store import Store
-
-if TYPE_CHECKING:
-    from seqrsm.score.table import TableSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,12 @@ from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.wording import counted, with_unit
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import RunRecord
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.scene.scene import Scene
-    from seqrsm.spec.read import CampaignSpec
-    from seqrsm.store.records import RunRecord
 
 
 def show_overview(found: Sequence[Mapping[str, Any]]) -> None:

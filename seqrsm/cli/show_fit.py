@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.ground import RANKED
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.study import TermTest
 from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
+from seqrsm.report.blocks import Section
 from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
@@ -19,15 +23,11 @@ from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section, term_test_table
 from seqrsm.report.sections.summary import result_section, summary_section
 from seqrsm.report.wording import format_setting, ground_name, parts_of_width, readable, watched_interval, with_unit
+from seqrsm.spec.read import CampaignSpec
 
 if TYPE_CHECKING:
-    from seqrsm.analysis.compromise import CompromiseEstimate
-    from seqrsm.analysis.results import Analysis
-    from seqrsm.analysis.study import TermTest
     from seqrsm.campaign.campaign import Campaign
     from seqrsm.campaign.loop import Outcome
-    from seqrsm.report.blocks import Section
-    from seqrsm.spec.read import CampaignSpec
 
 
 def show_fit(

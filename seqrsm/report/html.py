@@ -16,6 +16,7 @@ from importlib.resources import files
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Equation, Report, Section, unfolded
 from seqrsm.report.figures.drawing import svg_for_html
@@ -25,8 +26,6 @@ from seqrsm.report.wording import readable
 if TYPE_CHECKING:
     from jinja2 import Template
     from markupsafe import Markup
-
-    from seqrsm.analysis.results import Analysis
 
 
 # The text passes as data; only ``math``, a constant of this package, is evaluated.

@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,9 +27,7 @@ from seqrsm.report.rounding import (
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
 from seqrsm.spec.tables import StopSpec
-
-if TYPE_CHECKING:
-    from seqrsm.store.records import RunRecord
+from seqrsm.store.records import RunRecord
 
 
 def capital(text: str) -> str:

@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.scattering.sigma0 import Sigma0Lookup
+from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
+from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import moisture_spread
 from seqrsm.units import linear_to_db
-
-if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Lookup
-    from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.radar.result import RadarImage
 
 GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
 """Moistures at which backscatter is looked up [m3/m3]; straight lines in decibels between."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import scipy
@@ -20,15 +20,13 @@ import scipy
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.scene.scene import Scene
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import air_over, lookups_of
+from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.simulate.visits import region_spread
-
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.radiometer.result import RadiometerImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)

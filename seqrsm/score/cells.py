@@ -8,14 +8,10 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from seqrsm.errors import Problem, ScoresFileError
-from seqrsm.score.table import read_table, table_text
+from seqrsm.score.table import TableSource, read_table, table_text
 from seqrsm.units import reciprocal_factor, unit_factor, units_like
-
-if TYPE_CHECKING:
-    from seqrsm.score.table import TableSource
 
 MAX_PROBLEMS = 100
 

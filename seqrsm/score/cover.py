@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import (
     Classified,
     Taught,
@@ -24,13 +25,9 @@ from seqrsm.score.classification import (
     named,
     taught,
 )
-from seqrsm.score.evidence import Evidence, evidence_of
+from seqrsm.score.evidence import Evidence, Image, evidence_of
+from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import Asked
-
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.score.evidence import Image
-    from seqrsm.score.known_map import KnownMap
 
 FALSE_ALARMS: Final = 0.05
 """Share of other ground that may be taken for the cover sought."""

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,16 +19,13 @@ import scipy
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
+from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
-from seqrsm.score.known_map import labels_of_units
+from seqrsm.score.known_map import KnownMap, labels_of_units
 from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radiometer.result import RadiometerImage
 
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.score.known_map import KnownMap
-    from seqrsm.simulate.radiometer.result import RadiometerImage
-
-    Image: TypeAlias = RadarImage | RadiometerImage
+Image: TypeAlias = RadarImage | RadiometerImage
 
 TILE_M = 250.0
 """Side of a tile of a radar's image [m]: about the size of a farm's block of fields."""

@@ -14,12 +14,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name
-
-if TYPE_CHECKING:
-    from seqrsm.score.table import TableSource
+from seqrsm.score.table import TableSource
 
 SOURCES = ("flight", "simulation")
 MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
+from seqrsm.scene.scene import Scene
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.score.brightness import retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
+from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radar.result import RadarImage
-
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.score.evidence import Image
-    from seqrsm.simulate.visits import Sensor
+from seqrsm.simulate.visits import Sensor
 
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
 

@@ -10,12 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
-
-if TYPE_CHECKING:
-    from seqrsm.score.table import TableSource
+from seqrsm.score.table import TableSource
 
 COLUMNS = ("run_id", "interpreter", "rank", "application", "session")
 REQUIRED = ("run_id", "interpreter", "rank")

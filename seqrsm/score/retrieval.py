@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.scene import Scene
 from seqrsm.score.brightness import squares_of
 from seqrsm.score.classification import UtilityScore, cluster_ratio, halves
 from seqrsm.score.evidence import layers_of, pixels_of
 from seqrsm.score.utilities import Asked
-
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.radiometer.result import RadiometerImage
 
 WATER = "Water"
 

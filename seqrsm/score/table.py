@@ -21,8 +21,7 @@ from seqrsm.errors import Problem, ScoresFileError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    TableSource: TypeAlias = "Path | str | DataFrame | TableText"
-
+TableSource: TypeAlias = "Path | str | DataFrame | TableText"
 
 #: The largest file that is read [bytes]; a campaign's scores are some kilobytes.
 MAX_BYTES = 10_000_000

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import scipy
@@ -20,13 +20,11 @@ from scipy.special import ndtr
 from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
+from seqrsm.scene.scene import Scene
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radiometer import RadiometerConfiguration
 
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
-    from seqrsm.sensor.radar import RadarConfiguration
-    from seqrsm.sensor.radiometer import RadiometerConfiguration
-
-    Sensor: TypeAlias = RadarConfiguration | RadiometerConfiguration
+Sensor: TypeAlias = RadarConfiguration | RadiometerConfiguration
 
 
 _LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0

@@ -6,11 +6,13 @@ Nothing is estimated here.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.blocks import PanelData, heading
@@ -18,14 +20,10 @@ from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.rounding import format_range
 from seqrsm.report.wording import axis_label, level_labels, score_decimals, shortened, with_unit
+from seqrsm.spec.tables import StopSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
-
-    from seqrsm.analysis.scale import Interval
-    from seqrsm.spec.tables import StopSpec
 
 _CLOUD_POINTS = 220
 _FAR = 3.0

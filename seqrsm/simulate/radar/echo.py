@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
@@ -23,10 +24,6 @@ from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 from seqrsm.simulate.radar.occasion import Occasion
 from seqrsm.units import LN10_OVER_10, db_to_linear
-
-if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Lookup
-
 
 LUT_STEPS: Final = 1024
 """Steps of the table of sigma0 in sin(theta/2): 0.08 to 0.11 deg each, with straight lines between: 0.0001 dB where

@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Course, on_day
 from seqrsm.scattering.readers import POLARIZATIONS
+from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
@@ -37,10 +38,6 @@ from seqrsm.simulate.visits import (
     moisture_share,
     year_shift_days,
 )
-
-if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
-
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open

@@ -12,13 +12,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.rng import stream_key
+from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
+from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels, kernels_speckle
@@ -41,10 +42,6 @@ from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
-
-if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
-    from seqrsm.scene.scene import Scene
 
 
 def simulate_radar(

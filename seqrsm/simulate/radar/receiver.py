@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.own_code import own_function
-
-if TYPE_CHECKING:
-    from seqrsm.sensor.radar import RadarConfiguration
-    from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar.result import RadarImage
 
 Transfer = Callable[[FloatArray], FloatArray]
 """Transfer function of one stage: power or intensity in, intensity out, both >= 0."""

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from seqrsm.scattering.sigma0 import Sigma0Table
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.occasion import Occasion
 from seqrsm.units import linear_to_db
-
-if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Table
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""

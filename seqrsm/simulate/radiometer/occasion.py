@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scene.layers import categories_of_fields
+from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.simulate.visits import Visit, deviates, field_moisture, half_lasting, known_moisture, moisture_share
-
-if TYPE_CHECKING:
-    from seqrsm.scene.scene import Scene
 
 MOISTURE_LIMITS: Final = (float(MOISTURE_NODES[0]), float(MOISTURE_NODES[-1]))
 """Moistures that the table of emissivity knows [m3/m3]."""
