@@ -230,9 +230,7 @@ class Store:
             ledger.move(ids, "running", values, detail={"owner": _this_process()})
             return ledger.runs(RUNS.c.id.in_(ids))
 
-    def record_scores(
-        self, run_id: int, scores: Sequence[NewScore], *, executed: Mapping[str, float | str] | None = None
-    ) -> bool:
+    def record_scores(self, run_id: int, scores: Sequence[NewScore]) -> bool:
         """Record the scores of a run's applications together; durable when this returns.
 
         Parameters
@@ -241,8 +239,6 @@ class Store:
             A run that is not void.
         scores : sequence of NewScore
             Different applications.
-        executed : Mapping, optional
-            Settings really carried out, where they differ from those proposed.
 
         Returns
         -------
@@ -259,8 +255,7 @@ class Store:
             if problems:
                 raise StoreError(*problems)
             if fresh:
-                values = {} if executed is None else {"executed": plain(executed)}
-                ledger.add_scores(run_id, fresh, values)
+                ledger.add_scores(run_id, fresh, {})
             return bool(fresh)
 
     def fail(self, run_id: int, reason: str, fault: str = "unknown") -> None:

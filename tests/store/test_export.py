@@ -42,7 +42,9 @@ def filled(store, tmp_path):
         [NewRun({"x": -0.1, "kind": "=1+1"}, "start", "=cmd|' /C calc'!A0"), NewRun({"x": 1, "kind": "plain"})]
     )
     scores = [NewScore("a", 0.1 + 0.2, metadata={"q": [1]}), NewScore("b", -2.0, 0.5)]
-    store.record_scores(1, scores, executed={"x": -0.2, "kind": "=1+1"})
+    with store._write() as ledger:
+        ledger.log_settings(1, {"x": -0.2, "kind": "=1+1"})
+    store.record_scores(1, scores)
     store.void(2, "@home")
     store.record_look(1, "a", {"half_width": math.inf})
     return store, load_spec(tmp_path), tmp_path
