@@ -54,7 +54,7 @@ def test_run_ends_by_its_rule_with_a_confirmation(finished) -> None:
     assert outcome["held"]
     (analysis,) = outcome["applications"]
     assert analysis["stop"]["held"]
-    assert analysis["optimum"]["prediction_mean"]["half_width"] <= 16.0
+    assert analysis["optimum"]["prediction_mean"]["half_width"] <= 18.0
     assert len(analysis["confirmation"]["run_ids"]) == 3
     assert not set(analysis["confirmation"]["run_ids"]) & {run["run_id"] for run in analysis["diagnostics"]["runs"]}
 
@@ -241,7 +241,7 @@ def test_texts_for_people(copy) -> None:
 
 
 def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
-    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 16.0", "half_width = 1.0"))
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 18.0", "half_width = 1.0"))
     result = seqrsm("run", folder, "--max-runs", 17)
     assert result.exit_code == 3, result.output
     assert len(scores(folder)) == 17

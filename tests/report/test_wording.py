@@ -30,7 +30,7 @@ from seqrsm.report.wording import (
         ("soil_moisture_low", 0.1, "soil moisture low", "m\u00b3/m\u00b3"),
         ("polarization", "HH", "polarization", ""),
         ("looks", 4.0, "looks", ""),
-        ("n_bits", 8.0, "n bits", ""),
+        ("n_bits", 8.0, "grey-tone bits", ""),
     ],
 )
 def test_fixed_parameters_have_their_unit(name, value, label, unit):
