@@ -147,7 +147,7 @@ def test_a_file_that_has_grown(campaign, store):
 def test_doubles_without_run_id_are_remarked(campaign):
     campaign(HEADER + "\n2,4,HH,70\n")
     report = campaign(HEADER + "\n2,4,HH,70\n2,4,HH,71\n")
-    assert "1 scores without a run id equal earlier ones" in report.messages[0]
+    assert "1 score without a run id not counted twice" in report.messages[0]
 
 
 @pytest.mark.parametrize("state", ["new", "grown"])
