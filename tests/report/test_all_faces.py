@@ -300,6 +300,15 @@ def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> Non
     assert (grass, water_left) == ("7.9", "11.0")
 
 
+def test_what_no_cover_explains_of_the_ground_is_told_and_not_shared_out(studied) -> None:
+    """Of a standard deviation of 4 from ground to ground a cover that moves the score by 1 explains a sixteenth."""
+    section = _measured(studied.analyses[0], 1.0, -1.0)
+    text, rows = str(section.blocks[0]), section.blocks[-1].rows
+    assert "94 % of the table uncertainty is not due to the level of any one cover" in text
+    assert rows[0][3].text == "6 %"
+    assert "not due to" not in str(_measured(studied.analyses[0]).blocks[0])
+
+
 def _measured(analysis: Analysis, up: float = 6.0, down: float = 1.5, more: Sequence[dict[str, Any]] = ()) -> Section:
     """What to measure, where half of the interval is the ground's."""
     best = analysis.optimum

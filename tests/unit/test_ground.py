@@ -111,6 +111,10 @@ def test_covers_are_ranked_by_the_variance_they_give() -> None:
     of = [np.var(b * z + c * z**2) for b, c in moves.values()]
     assert [v["share"] for v in found] == pytest.approx(np.array(of) / sum(of), rel=0.01)
     assert [v["share"] for v in ranked_values(values[2:])] == [0.0]
+    assert sum(v["share"] for v in ranked_values(values, 0.5 * sum(of))) == pytest.approx(1.0)
+    assert [v["share"] for v in ranked_values(values, 4.0 * sum(of))] == pytest.approx(
+        np.array(of) / (4.0 * sum(of)), rel=0.01
+    )
 
 
 def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:

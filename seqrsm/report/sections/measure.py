@@ -30,7 +30,8 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     best = analysis.optimum
     if not found or best.ground is None or not best.of_ground > 0.0:
         return None
-    values = ranked_values(found[-1]["values"])
+    of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
+    values = ranked_values(found[-1]["values"], of_ground)
     total = best.whole.half_width
 
     def with_less(share: float) -> float:
@@ -59,11 +60,14 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         right("Share"),
         right("Half-width if halved", analysis.score_unit),
     )
-    of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     head = (
         f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
         f"{half_width_text(analysis, with_less(of_ground / (of_ground + chance)))}."
     )
+    left = round(100.0 * (1.0 - sum(value["share"] for value in values)))
+    if left > 0:
+        head += f" {left} % of the table uncertainty is not due to the level of any one cover"
+        head += ", but to changes over the season, between channels and among fields, and to several covers together."
     how = (
         " For each cover: the change of the score at the recommended settings when its tabulated mean is one standard "
         "deviation higher or lower, its share of the table uncertainty, and the half-width that would be left if that "
