@@ -66,8 +66,8 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     )
     left = round(100.0 * (1.0 - sum(value["share"] for value in values)))
     if left > 0:
-        head += f" {left} % of the table uncertainty is not due to the level of any one cover"
-        head += ", but to changes over the season, between channels and among fields, and to several covers together."
+        head += f" {left} % of the table uncertainty is not due to the level of any one cover, but to single channels,"
+        head += " to fields, to several covers together and, where there are dates, to the course of the season."
     how = (
         " For each cover: the change of the score at the recommended settings when its tabulated mean is one standard "
         "deviation higher or lower, its share of the table uncertainty, and the half-width that would be left if that "
