@@ -31,6 +31,11 @@ def shallow(found: Any) -> dict[str, Any]:
     return {field.name: getattr(found, field.name) for field in fields(found)}
 
 
+def counted(n: int, one: str, many: str = "") -> str:
+    """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
+    return f"{n} {one if n == 1 else many or f'{one}s'}"
+
+
 def known(value: float, uncertainty: float) -> str:
     """``value`` with the digits that its uncertainty supports: down to the second of the uncertainty's own."""
     if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:

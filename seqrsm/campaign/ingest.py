@@ -9,14 +9,14 @@ with the columns ``interpreter`` and ``rank`` holds rankings, from which scores 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
 from seqrsm.campaign.guards import suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.plain import shallow
+from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
@@ -261,13 +261,13 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
     if outcome.moved:
-        count = f"{_counted(outcome.moved, 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
+        count = f"{counted(len(outcome.moved), 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
         messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")
     if outcome.equal:
         lines = _few([row.line for row in outcome.equal])
         messages.append(
-            f"{_counted(outcome.equal, 'score')} without a run id not counted twice, equal to earlier scores in every "
-            f"column (lines {lines}). A true repeat must differ in a column such as date."
+            f"{counted(len(outcome.equal), 'score')} without a run id not counted twice, equal to earlier scores in "
+            f"every column (lines {lines}). A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":
@@ -279,19 +279,15 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
 
 
 def _ranking_messages(summary: RankingSummary) -> list[str]:
-    count = f"{_counted(range(summary.rankings), 'ranking')} of '{summary.application}' by"
-    count += f" {_counted(summary.interpreters, 'interpreter')} {'gives' if summary.rankings == 1 else 'give'}"
-    messages = [f"{count} {_counted(summary.scores, 'run')} their scores."]
+    count = f"{counted(summary.rankings, 'ranking')} of '{summary.application}' by"
+    count += f" {counted(len(summary.interpreters), 'interpreter')} {'gives' if summary.rankings == 1 else 'give'}"
+    messages = [f"{count} {counted(len(summary.scores), 'run')} their scores."]
     if summary.apart:
         messages.append(
             f"No chain of rankings joins runs {_few(summary.apart)} with the others: they have no score until somebody "
             "ranks images of both together."
         )
     return messages
-
-
-def _counted(things: Sized, one: str) -> str:
-    return f"{len(things)} {one}{'s' * (len(things) != 1)}"
 
 
 def _few(numbers: Sequence[int | None]) -> str:

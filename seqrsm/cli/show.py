@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
+from seqrsm.plain import counted
 from seqrsm.report.rounding import format_plain, format_significant
-from seqrsm.report.wording import counted, with_unit
+from seqrsm.report.wording import with_unit
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
 

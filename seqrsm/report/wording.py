@@ -13,6 +13,7 @@ from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
+from seqrsm.plain import counted
 from seqrsm.report.blocks import Cell, Column, heading, right
 from seqrsm.report.rounding import (
     decimals_for,
@@ -33,11 +34,6 @@ from seqrsm.store.records import RunRecord
 def capital(text: str) -> str:
     """Begin a text with a capital letter, the rest as it is."""
     return text[:1].upper() + text[1:]
-
-
-def counted(n: int, one: str, many: str = "") -> str:
-    """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
-    return f"{n} {one if n == 1 else many or f'{one}s'}"
 
 
 def source_counts(runs: Iterable[RunRecord]) -> str:

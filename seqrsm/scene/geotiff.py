@@ -16,6 +16,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.plain import counted
 from seqrsm.scene.scene import MAX_CELLS
 
 _PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 34735, 42113
@@ -171,7 +172,7 @@ def _band(pages: list[Any], file: str, layer: str, band: int | None) -> tuple[An
         return pages[k], number
     if band is not None:
         remedy = f"Choose one from 1 to {n}" if n > 1 else f"Leave --band {layer} out"
-        raise SceneError(Problem(f"the raster has {n} band{'s' * (n > 1)}", remedy, file, value=f"{layer}={band}"))
+        raise SceneError(Problem(f"the raster has {counted(n, 'band')}", remedy, file, value=f"{layer}={band}"))
     text, choose = f"the raster has {n} bands, and {layer} is one", f"Choose it, as in --band {layer}=1"
     if layer == "cover" and pages[0].photometric == _RGB:
         text = f"the raster has {n} bands, the colours of a picture; cover is one band of codes"

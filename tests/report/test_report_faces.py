@@ -21,6 +21,7 @@ from seqrsm.analysis.results import Confirmation
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.plain import counted
 from seqrsm.report import write_report
 from seqrsm.report.blocks import (
     Cell,
@@ -38,7 +39,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.data import question_section
-from seqrsm.report.wording import counted, number_cell
+from seqrsm.report.wording import number_cell
 from seqrsm.spec.tables import StopSpec
 
 

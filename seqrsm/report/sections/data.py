@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, Paragraph, Section, Table, right, table
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,
-    counted,
     describe_factor,
     factor_column,
     fixed_label,

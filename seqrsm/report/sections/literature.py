@@ -16,10 +16,10 @@ from seqrsm.catalog.rendering import summary
 from seqrsm.catalog.search import search, words_of
 from seqrsm.catalog.start import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.design.factors import CategoricalFactor, Factor, span
+from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Paragraph, Section, table
 from seqrsm.report.rounding import NOTHING, format_plain
 from seqrsm.report.wording import (
-    counted,
     describe_factor,
     listing,
     optimum_setting_text,

@@ -12,6 +12,7 @@ from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.study import TermTest
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import OUTLIER, extrapolated, influential_runs, normal_plot, outlier_p
+from seqrsm.plain import counted
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -41,7 +42,6 @@ from seqrsm.report.rounding import (
 )
 from seqrsm.report.wording import (
     capital,
-    counted,
     decimal_cell,
     interval_text,
     level_phrase,

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import format_p, format_plain, format_share, format_significant
@@ -17,7 +18,6 @@ from seqrsm.report.wording import (
     at_bound_text,
     axis_label,
     capital,
-    counted,
     ground_sentence,
     interval_text,
     level_phrase,
