@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
+from types import FrameType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -209,6 +209,14 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         assert ("better than the existing map for" in recommendation(of_map)) is not held
         assert next(_next_steps(spec, of_map)).endswith("more than the existing map alone.") is not held
         assert _ends(of_map)[0][-1] == "the existing map alone, and error-free data"
+    made = campaign(tmp_path / "map", specification(numeric(2)), POINTS, scores)
+    told = {"guess": 59.9}
+    runs = [replace(run, scores=tuple(replace(one, metadata=told) for one in run.scores)) for run in made.store.runs()]
+    beside = replace(made.spec, simulator=SimpleNamespace(known_map="old.csv"))
+    found = analyse(beside, made.spec.applications[0].model_copy(update={"utility": "percent_correct"}), runs)
+    assert found.known_map
+    (check,) = [check for check in found.decision.checks if check.name == "guess"]
+    assert check.text.startswith("The existing map alone scores 59.9")
     # An error is better the smaller it is.
     low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
     assert low.decision.held
