@@ -20,7 +20,6 @@ from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
-from seqrsm.simulate.runner import start_workers
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
 
 Ending = Literal["stop", "budget spent"]
@@ -96,8 +95,6 @@ def run_campaign(
     UserError
         No run of the initial design, or of several batches after it, gave a score, and with what reasons.
     """
-    if cluster is None and campaign.spec.simulator is not None:
-        start_workers(check_simulator.__module__, workers)
     simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
     rank = partial(campaign.rank_values, workers=workers, cluster=cluster)
     loop = _ClosedLoop(campaign, simulate, rank, on_look, say)

@@ -49,7 +49,7 @@ app = typer.Typer(
 app.add_typer(scene_app, name="scene")
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder (contains campaign.toml).")]
-Workers = Annotated[int, typer.Option(min=1, help="Simulation processes in parallel.")]
+Workers = Annotated[int, typer.Option(min=1, help="Simulations at the same time.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
 Accepted = Annotated[
     bool,

@@ -232,7 +232,7 @@ def test_noise_of_the_image_has_the_stated_deviation_and_is_white():
     assert float((z**3).mean()) == pytest.approx(0.0, abs=4.0 * math.sqrt(15.0 / n))
 
 
-def test_same_bits_in_any_process_and_another_run_differs():
+def test_same_bits_in_any_thread_and_another_run_differs():
     serial = [small_score(k) for k in (1, 2)]
     parallel = [score for _, score in sorted(run_many(small_score, [1, 2], workers=2))]
     assert serial == parallel

@@ -258,7 +258,7 @@ def test_occasions_that_share_a_geometry_score_as_each_alone():
     assert percent_correct([image], masked, seed=5, run_id=2).value == lasting[2].value
 
 
-def test_scores_do_not_depend_on_the_number_of_processes():
+def test_scores_do_not_depend_on_the_number_of_workers():
     serial = [small_score(k) for k in range(4)]
     assert dict(run_many(small_score, range(4), workers=2)) == dict(enumerate(serial))
     assert len(set(serial)) == 4

@@ -1,21 +1,16 @@
-"""Running many simulations: the same results from any number of processes, after a killed worker too."""
+"""Running many simulations: the same results from any number of threads, and none begins after one is left."""
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import subprocess
 import sys
-import time
-from pathlib import Path
+import threading
 
 import numpy as np
 import pytest
 
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
-from seqrsm.simulate.runner import Lost, run_many, start_workers
+from seqrsm.simulate.runner import run_many
 
 
 def draw(run_id: int) -> float:
@@ -28,32 +23,13 @@ def fail_at_two(x: int) -> int:
     return x
 
 
-def sleep_unless_first(x: int) -> int:
-    time.sleep(0.0 if x == 0 else 60.0)
-    return x
-
-
-def die_once(argument: tuple[str, int]) -> int:
-    path, x = argument
-    if x == 1 and not Path(path).exists():
-        Path(path).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 10 * x
-
-
-def test_processes_do_not_change_results():
+def test_threads_do_not_change_results():
     serial = dict(run_many(draw, range(6)))
     calls = []
     parallel = dict(run_many(draw, range(6), workers=2, progress=lambda done, total: calls.append((done, total))))
     assert serial == parallel
     assert calls == [(k, 6) for k in range(1, 7)]
     assert np.unique(list(serial.values())).size == 6
-
-
-def test_a_killed_worker_costs_nothing_but_time(tmp_path):
-    path = str(tmp_path / "died")
-    assert dict(run_many(die_once, [(path, x) for x in range(4)], workers=2)) == {x: 10 * x for x in range(4)}
-    assert Path(path).exists()
 
 
 def test_errors_of_the_function_reach_the_caller():
@@ -71,69 +47,36 @@ def test_serial_runs_are_lazy_and_can_be_left():
     assert seen == [0, 1]
 
 
-def test_leaving_a_parallel_run_stops_its_workers():
-    start = time.monotonic()
-    for index, _ in run_many(sleep_unless_first, range(4), workers=2):
+def test_as_many_runs_as_workers_are_under_way_at_once():
+    """Each waits for two others: with fewer at once, or in turns, the barrier breaks."""
+    barrier = threading.Barrier(3)
+    found = dict(run_many(lambda _: barrier.wait(timeout=30.0), range(9), workers=3))
+    assert sorted(found) == list(range(9))
+    assert {sorted(found.values()).count(k) for k in range(3)} == {3}
+
+
+def test_leaving_a_parallel_run_begins_no_other_and_waits_for_none():
+    begun, go_on = [], threading.Event()
+
+    def wait_unless_first(x: int) -> int:
+        begun.append(x)
+        assert x == 0 or go_on.wait(timeout=60.0)
+        return x
+
+    before = set(threading.enumerate())
+    for index, _ in run_many(wait_unless_first, range(5), workers=2):
         assert index == 0
         break
-    assert time.monotonic() - start < 30.0
-    while multiprocessing.active_children() and time.monotonic() - start < 30.0:
-        time.sleep(0.05)
-    assert not multiprocessing.active_children()
-
-
-def own_process(_: int) -> int:
-    time.sleep(0.05)
-    return os.getpid()
-
-
-def test_processes_are_kept_from_call_to_call():
-    start_workers("seqrsm.rng", 2)
-    first, second = ({pid for _, pid in run_many(own_process, range(6), workers=2)} for _ in range(2))
-    assert first | second <= {child.pid for child in multiprocessing.active_children()}
-    assert len(first | second) == 2
-    with pytest.raises(ValueError, match="two"):
-        list(run_many(fail_at_two, range(4), workers=2))
-    assert not {pid for _, pid in run_many(own_process, range(6), workers=2)} & (first | second)
-
-
-def test_processes_end_with_the_one_that_began_them():
-    code = (
-        "import os, signal; from seqrsm.simulate.runner import run_many\n"
-        "if __name__ == '__main__':\n"
-        "    print(*{pid for _, pid in run_many(os.path.realpath, ['/proc/self'] * 6, workers=2)}, flush=True)\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    begun = [Path(path) for path in done.stdout.split()]
-    assert begun, done.stderr
-    end = time.monotonic() + 30.0
-    while any(path.exists() for path in begun) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert not any(path.exists() for path in begun)
+    go_on.set()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(timeout=60.0)
+        assert not thread.is_alive()
+    assert len(begun) <= 3
 
 
 def test_no_workers_is_refused():
     with pytest.raises(ValueError, match="at least 1"):
         list(run_many(draw, [1], workers=0))
-
-
-def die_always(argument: tuple[str, int]) -> int:
-    path, x = argument
-    if x == 1:
-        with Path(path).open("a") as stream:
-            stream.write("died\n")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 10 * x
-
-
-def test_a_run_that_always_kills_its_process_is_given_up_alone(tmp_path):
-    path = tmp_path / "died"
-    found = dict(run_many(die_always, [(str(path), x) for x in range(4)], workers=2))
-    assert {index: value for index, value in found.items() if index != 1} == {0: 0, 2: 20, 3: 30}
-    assert isinstance(found[1], Lost)
-    assert "died 4 times" in found[1].reason
-    assert len(path.read_text().splitlines()) == 4
 
 
 def test_a_missing_client_library_is_told_with_the_line_to_install_it(monkeypatch):

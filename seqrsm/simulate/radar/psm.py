@@ -9,9 +9,10 @@ and adds the receiver's noise, fading and transfer function.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -104,14 +105,21 @@ def simulate_radar(
     return replace(image, table=table, day=visit.day)
 
 
-@lru_cache(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
+_latest = threading.local()
+"""What `_geometry` gave a thread last: occasions of one setting, and dates of one sensor, share it."""
+
+
 def _geometry(
     scene: Scene, radar: RadarConfiguration, precision: Precision
 ) -> tuple[RadarFrame, EchoGrid, Callable[[], AnyArray]]:
     """Frame and grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
-    frame = make_frame(scene, radar, precision)
-    grid = echo_grid(frame, radar)
-    return frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
+    key = (scene, radar, precision)
+    if getattr(_latest, "key", None) != key:
+        frame = make_frame(scene, radar, precision)
+        grid = echo_grid(frame, radar)
+        _latest.made = frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
+        _latest.key = key
+    return _latest.made  # type: ignore[no-any-return]
 
 
 def _form_image(
