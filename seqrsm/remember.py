@@ -1,4 +1,4 @@
-"""What took long to compute, kept under all that it was made of: in this process's memory, or on this machine.
+"""What took long to compute, kept under all that it was made of: by a thread, by the process, or on this machine.
 
 Objects kept on the machine are pickles, which can run code when they are read: they lie beside the compiled kernels in
 the user's own cache, which nobody else may open, never in a campaign's folder, which may come from others.
@@ -9,16 +9,18 @@ from __future__ import annotations
 import hashlib
 import pickle
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, wraps
 from importlib.metadata import version
-from typing import TypeVar, cast
+from typing import ParamSpec, TypeVar, cast
 
 from seqrsm.errors import UserError
 from seqrsm.files import put
 from seqrsm.jit import PACKAGE, cache_root
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST_KEPT, MOST_RECALLED = 20, 8
@@ -67,6 +69,23 @@ def recalled(make: Callable[[], T], made_of: object) -> T:
             del _recalled[next(iter(_recalled))]
         _recalled[key] = make()
     return cast(T, _recalled[key])
+
+
+def cached_by_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """As `functools.lru_cache`, for each thread by itself: runs beside one do not push out what it asks for again."""
+
+    def wrap(function: Callable[P, T]) -> Callable[P, T]:
+        here = threading.local()
+
+        @wraps(function)
+        def call(*arguments: P.args, **named: P.kwargs) -> T:
+            if not hasattr(here, "cached"):
+                here.cached = lru_cache(maxsize)(function)
+            return cast(T, here.cached(*arguments, **named))
+
+        return call
+
+    return wrap
 
 
 @lru_cache(maxsize=1)

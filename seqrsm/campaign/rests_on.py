@@ -91,9 +91,8 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
             find = task.scattering(one.engine).lookup
             found = find(crops, one.sensor.frequency_ghz, GROUND_OF[channel], day=day)
             at_day = linear_to_db(found.sigma0[:, 40])
-            today = [on_day(year, day) for year in found.course.change_db]
             channels.append(f"{one.member or f'{one.sensor.frequency_ghz:.3g} GHz'} {channel}")
-            levels.append((at_day - np.array(today))[:, None] + found.course.change_db)
+            levels.append((at_day - on_day(found.course.change_db, day))[:, None] + found.course.change_db)
     return CropCalendar(crops, tuple(channels), np.array(levels), made[0].visit.days)
 
 

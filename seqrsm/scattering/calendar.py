@@ -104,17 +104,31 @@ class Course:
         """The same of some of the categories, by their places; repeats allowed."""
         return Course(**{field.name: getattr(self, field.name)[categories] for field in dataclass_fields(self)})
 
-    def at_angles(self, category: int, day: float, theta_deg: FloatArray) -> FloatArray:
-        """Change of a category on a day [dB] at incidence angles [deg]."""
+    def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
+        """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
         beyond = np.clip(theta_deg, *_HELD_DEG) - _THETA_DEG
-        return np.asarray(on_day(self.change_db[category], day) + on_day(self.tilt_db_per_deg[category], day) * beyond)
+        return np.asarray(on_day(self.change_db, day)[:, None] + on_day(self.tilt_db_per_deg, day)[:, None] * beyond)
 
 
 def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
-    """Values on days, any shape, of what is given on `DAYS` (365,); straight lines between, one year as the next."""
-    return np.asarray(np.interp(day, DAYS, year, period=float(DAYS.size)))
+    """Values on days of what is given on `DAYS` (..., 365); straight lines between, one year as the next.
+
+    Parameters
+    ----------
+    year : float64 array (..., 365)
+    day : float or float64 array (n,)
+
+    Returns
+    -------
+    float64 array (...) or (..., n)
+    """
+    within = np.remainder(day, DAYS.size)
+    before = np.floor(within).astype(np.intp)  # day 0 is the last of the year before
+    lower, upper = year[..., before - 1], year[..., before % DAYS.size]
+    return np.asarray((upper - lower) * (within - before) + lower)
 
 
+@lru_cache(maxsize=64)
 def level_days(frequency_ghz: float) -> FloatArray:
     """Weights (365,) of the days for which the tables' levels hold: the L-band flights', May to August from C band."""
     share, weights = share_of_c(frequency_ghz), np.zeros(DAYS.size)

@@ -205,7 +205,7 @@ class Sigma0Table:
         sd = np.array([found[name].mean_sd_db for name in names])
         if through is not None and day is not None:
             through = through.of([list(found).index(name) for name in names])
-            value = value + np.array([through.at_angles(k, day, THETA_DEG) for k in range(len(names))])
+            value = value + through.at_angles(day, THETA_DEG)
             shape = course_deviation(level_days(float(frequency_ghz)))
             sd = np.hypot(sd, through.sd_db * float(on_day(shape, day)))
         return Sigma0Lookup(

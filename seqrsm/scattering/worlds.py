@@ -42,6 +42,7 @@ _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6
 _ANGLE_RATE: Final = 2.0
 _FIELD_LOG_SD: Final = 0.3  # of the field-to-field standard deviations of the classes of the Flevoland flight
 _TURN: Final = _ANGLE_RATE * np.deg2rad(np.arange(91.0) - 40.0)
+_BY_ANGLE: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 _YEAR: Final = 2.0 * np.pi * np.arange(1.0, 366.0) / 365.0
 _HARMONICS: Final = (0.4, 0.3, 0.2, 0.1)  # shares of the variance
 _SLANT: Final = np.sin(np.deg2rad(np.arange(91.0)))
@@ -72,32 +73,24 @@ class World:
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
-        return self._shared(category, kin, frequency_ghz, channel, 0)
+        deviate = _shared(self.seed, self.number, category, kin, frequency_ghz, 0)
+        if channel not in ("H", "V"):
+            return np.asarray(_of_channel(deviate, channel) @ _BY_ANGLE)
+        apart = _EMISSIVITY_OWN * _SLANT**2
+        common, own = deviate[[0, _PARTS[channel]]] @ _BY_ANGLE
+        return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * own)
 
     def season(self, category: str, kin: str, frequency_ghz: float, channel: str, level_days: FloatArray) -> FloatArray:
         """Departure (365,) of the course of a cover's backscatter on days 1 to 365, of unit mean square over the year.
 
-        Of the same covers, frequencies and channels as `departure`, and independent of it.
+        Of the same covers, frequencies and channels of backscatter as `departure`, and independent of it.
 
         Parameters
         ----------
         level_days : float64 array (365,)
             Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
         """
-        waves = sum(
-            math.sqrt(share) * self._shared(category, kin, frequency_ghz, channel, h)
-            for h, share in enumerate(_HARMONICS, start=1)
-        )
-        return np.asarray((waves - np.dot(waves, level_days)) / _anchored(level_days)[1])
-
-    def _shared(self, category: str, kin: str, frequency_ghz: float, channel: str, harmonic: int) -> FloatArray:
-        """Standard normal, in part common to all covers, to kin, and a cover's own."""
-        own = 1.0 - _ALL - (_KIN if kin else 0.0)
-        parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
-        key = self.seed, self.number
-        return np.asarray(
-            sum(math.sqrt(w) * _part(*key, name, frequency_ghz, channel, harmonic) for name, w in parts if w > 0.0)
-        )
+        return _season(self.seed, self.number, category, kin, frequency_ghz, channel, level_days.tobytes())
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
@@ -135,15 +128,33 @@ class OneAway:
 
 def course_deviation(level_days: FloatArray) -> FloatArray:
     """Standard deviation (365,) of `World.season` on each day, for weights as it has them."""
-    by_day, over_year = _anchored(level_days)
-    return np.asarray(by_day / over_year)
+    return _anchored(level_days.tobytes())[1]
 
 
-def _anchored(level_days: FloatArray) -> tuple[FloatArray, float]:
-    """Standard deviation of harmonics of unit variance less their mean over some days: by day, and over the year."""
-    turns = np.exp(1j * np.outer(np.arange(1, len(_HARMONICS) + 1), _YEAR))
-    variance = np.array(_HARMONICS) @ np.abs(turns - (turns @ level_days)[:, None]) ** 2
-    return np.sqrt(variance), math.sqrt(variance.mean())
+@lru_cache(maxsize=16)
+def _anchored(level_days: bytes) -> tuple[FloatArray, FloatArray]:
+    """Cosines and sines of the harmonics by days (8, 365), and the standard deviation (365,) of a course.
+
+    Less their mean over some days, and over what is then left of a course's standard deviation over the year.
+    """
+    phase = np.outer(np.arange(1, len(_HARMONICS) + 1), _YEAR)
+    waves = np.sqrt(_HARMONICS)[:, None, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    waves = waves.reshape(-1, _YEAR.size)
+    waves = waves - (waves @ np.frombuffer(level_days))[:, None]
+    variance = np.square(waves).sum(axis=0)
+    return waves / math.sqrt(variance.mean()), np.sqrt(variance / variance.mean())
+
+
+@lru_cache(maxsize=256)  # of several dates
+def _season(
+    seed: int, number: int, category: str, kin: str, frequency_ghz: float, channel: str, level_days: bytes
+) -> FloatArray:
+    """See `World.season`."""
+    harmonics = range(1, 1 + len(_HARMONICS))
+    deviates = [
+        _of_channel(_shared(seed, number, category, kin, frequency_ghz, harmonic), channel) for harmonic in harmonics
+    ]
+    return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
 
 
 @lru_cache(maxsize=256)  # of several channels
@@ -151,33 +162,42 @@ def _field_factor(seed: int, number: int, category: str) -> float:
     return float(np.exp(_FIELD_LOG_SD * generator(seed, number, f"world fields {category}").normal()))
 
 
-@lru_cache(maxsize=1024)  # of several dates, and of covers, which share some of them
-def _part(seed: int, number: int, name: str, frequency_ghz: float, channel: str, harmonic: int) -> FloatArray:
-    """Standard normal deviate of a world: a harmonic of the year by days (365,), or with 0 by incidence angle (91,)."""
-    phase, name = (harmonic * _YEAR, f"season {harmonic} {name}") if harmonic else (_TURN, name)
-    node = min(max(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0), _NODES - 1.001)
-    lower, share = int(node), node % 1.0
-    deviate = _deviates(seed, number, name, lower + 2)
-    size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
-    here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
-    turned = here[:, 0, None] * np.cos(phase) + here[:, 1, None] * np.sin(phase)
-    common, single = turned[0], turned[_PARTS[channel]]
-    if channel in ("H", "V"):
-        apart = _EMISSIVITY_OWN * _SLANT**2
-        return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * single)
+def _of_channel(deviate: FloatArray, channel: str) -> FloatArray:
+    """Cosine and sine (2,) of a channel of backscatter, from those of all parts (parts, 2)."""
+    common, co, single = deviate[0], deviate[1], deviate[_PARTS[channel]]
     if channel == "HV":
         return np.asarray(math.sqrt(_COMMON) * common + math.sqrt(1.0 - _COMMON) * single)
-    co = math.sqrt(_CO) * turned[_PARTS["co"]]
-    return np.asarray(math.sqrt(_COMMON) * common + co + math.sqrt(1.0 - _COMMON - _CO) * single)
+    return np.asarray(math.sqrt(_COMMON) * common + math.sqrt(_CO) * co + math.sqrt(1.0 - _COMMON - _CO) * single)
 
 
-@lru_cache(maxsize=512)
-def _deviates(seed: int, number: int, name: str, nodes: int) -> FloatArray:
-    """Standard normal chain over the first frequencies, (nodes, parts, 2)."""
-    draws = generator(seed, number, f"world {name}").standard_normal((nodes, len(_PARTS), 2))
-    for k in range(1, nodes):
-        draws[k] = _NEAR * draws[k - 1] + math.sqrt(1.0 - _NEAR**2) * draws[k]
-    return draws
+@lru_cache(maxsize=256)  # of several channels
+def _shared(seed: int, number: int, category: str, kin: str, frequency_ghz: float, harmonic: int) -> FloatArray:
+    """Standard normal (parts, 2), in part common to all covers, to kin, and a cover's own."""
+    own = 1.0 - _ALL - (_KIN if kin else 0.0)
+    parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
+    drawn = [math.sqrt(w) * _drawn(seed, number, name, frequency_ghz, harmonic) for name, w in parts if w > 0.0]
+    return np.asarray(sum(drawn))
+
+
+@lru_cache(maxsize=256)  # covers share some of them
+def _drawn(seed: int, number: int, name: str, frequency_ghz: float, harmonic: int) -> FloatArray:
+    """Standard normal (parts, 2) at a frequency, of a harmonic of the year or, with 0, by incidence angle."""
+    weights = _weights(frequency_ghz)
+    name = f"season {harmonic} {name}" if harmonic else name
+    draws = generator(seed, number, f"world {name}").standard_normal((len(weights), 2 * len(_PARTS)))
+    return np.asarray((weights @ draws).reshape(-1, 2))
+
+
+@lru_cache(maxsize=64)
+def _weights(frequency_ghz: float) -> FloatArray:
+    """What each draw counts at a frequency: a chain over the nodes, and a straight line between two of them."""
+    node = min(max(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0), _NODES - 1.001)
+    lower, share = int(node), node % 1.0
+    steps = np.arange(lower + 2)
+    chain = np.tril(_NEAR ** np.abs(np.subtract.outer(steps, steps)))  # node by draw
+    chain[:, 1:] *= math.sqrt(1.0 - _NEAR**2)
+    size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
+    return np.asarray(((1.0 - share) * chain[lower] + share * chain[lower + 1]) / size)
 
 
 @lru_cache(maxsize=4096)

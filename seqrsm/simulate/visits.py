@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -18,6 +17,7 @@ import scipy
 from scipy.special import ndtr
 
 from seqrsm.arrays import FloatArray
+from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
@@ -72,8 +72,8 @@ def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequ
     """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
 
     Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
-    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run. Draws of
-    fields and covers, which the channels and later dates of a run ask for again, are `kept_deviates`.
+    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run. Draws
+    that the channels and later dates of a run ask for again are `kept_deviates`.
     """
     at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
     lower, share = math.floor(at), at % 1.0
@@ -81,7 +81,7 @@ def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequ
     return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
 
 
-kept_deviates = lru_cache(maxsize=32)(deviates)
+kept_deviates = cached_by_thread(maxsize=32)(deviates)
 
 
 def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
@@ -100,7 +100,7 @@ def half_lasting(
     own = deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz)
     if not visit.days:
         return own
-    return math.sqrt(0.5) * (own + deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
+    return math.sqrt(0.5) * (own + kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
 
 
 def smooth_departure(

@@ -6,6 +6,7 @@ import os
 import stat
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -107,3 +108,20 @@ def test_a_fit_is_made_once_until_there_is_another_score(tmp_path, monkeypatch) 
             made.analyse_all(thorough=True, n_draws=500)
     made.store.void(made.store.runs()[0].run_id, "tried")
     assert made.analyse_all(thorough=True)[0].fit.n_runs == 19
+
+
+def test_what_one_thread_asks_for_is_not_pushed_out_by_another() -> None:
+    made = []
+
+    @remember.cached_by_thread(maxsize=1)
+    def make(x: int) -> int:
+        made.append(x)
+        return x
+
+    assert make(1) == make(1) == 1
+    with ThreadPoolExecutor(1) as other:
+        assert [other.submit(make, x).result() for x in (2, 1, 1)] == [2, 1, 1]
+    assert make(1) == 1
+    assert made == [1, 2, 1]
+    assert [make(x) for x in (3, 1)] == [3, 1]
+    assert made == [1, 2, 1, 3, 1]

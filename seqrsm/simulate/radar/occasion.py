@@ -180,7 +180,7 @@ def _dated(
     n = len(course.even)
     late = np.where(course.even, 0.0, year_shift_days(n, **key))
     moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
-    now = np.array([on_day(year, day) for year in course.change_db])
+    now = on_day(course.change_db, day)
     own = draw(visit.dated("date backscatter"), n)
     weather = _WEATHER_DB[draw.channel == "HV"] * draw(visit.dated("weather"), 1) + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
@@ -191,8 +191,7 @@ def _dated(
     fresh = [draw(Visit(visit.days, t).dated("field backscatter"), category.size) for t in range(len(past))]
     fades = faded(fresh, past, course.memory_days[category])
     deviate = np.sqrt(lasting) * lasts + np.where(shift > 0.0, _KEPT, 1.0) * np.sqrt(1.0 - lasting) * fades
-    spread = np.array([on_day(year, day) for year in course.spread])
-    deviation = (lookup.field_sd_db * spread)[category] * deviate
+    deviation = (lookup.field_sd_db * on_day(course.spread, day))[category] * deviate
     shifts = field_shift_days(shift, **key)
     for k in np.flatnonzero(course.shift_days > 0.0):
         mine = category == k

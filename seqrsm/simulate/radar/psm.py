@@ -9,7 +9,6 @@ and adds the receiver's noise, fading and transfer function.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -18,6 +17,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
+from seqrsm.remember import cached_by_thread
 from seqrsm.rng import stream_key
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.scene import Scene
@@ -105,21 +105,14 @@ def simulate_radar(
     return replace(image, table=table, day=visit.day)
 
 
-_latest = threading.local()
-"""What `_geometry` gave a thread last: occasions of one setting, and dates of one sensor, share it."""
-
-
+@cached_by_thread(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
 def _geometry(
     scene: Scene, radar: RadarConfiguration, precision: Precision
 ) -> tuple[RadarFrame, EchoGrid, Callable[[], AnyArray]]:
     """Frame and grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
-    key = (scene, radar, precision)
-    if getattr(_latest, "key", None) != key:
-        frame = make_frame(scene, radar, precision)
-        grid = echo_grid(frame, radar)
-        _latest.made = frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
-        _latest.key = key
-    return _latest.made  # type: ignore[no-any-return]
+    frame = make_frame(scene, radar, precision)
+    grid = echo_grid(frame, radar)
+    return frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
 
 
 def _form_image(
