@@ -9,6 +9,7 @@ with the columns ``interpreter`` and ``rank`` holds rankings, from which scores 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -282,6 +283,11 @@ def _ranking_messages(summary: RankingSummary) -> list[str]:
     count = f"{counted(summary.rankings, 'ranking')} of '{summary.application}' by"
     count += f" {counted(len(summary.interpreters), 'interpreter')} {'gives' if summary.rankings == 1 else 'give'}"
     messages = [f"{count} {counted(len(summary.scores), 'run')} their scores."]
+    if summary.scale_se > 0.0:
+        factor = f"{math.exp(1.96 * summary.scale_se):.2g}"
+        messages.append(
+            f"Their common scale is known to within a factor of {factor} (95 %), which no interval includes."
+        )
     if summary.apart:
         messages.append(
             f"No chain of rankings joins runs {_few(summary.apart)} with the others: they have no score until somebody "

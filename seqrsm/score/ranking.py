@@ -10,6 +10,12 @@ summed over all orders, which is the integral of eq. 2.
 
 Scores are relative: their mean is zero, and each new ranking changes all of them.
 
+Several interpreters who rank many images say little of each: the most probable scores and sharpnesses together would be
+those of one infallible interpreter, whose order the scores repeat. Scores are therefore drawn from a normal
+distribution whose spread, like the sharpnesses, is the most probable one over all scores that the rankings leave
+possible (an EM algorithm; expectations to second order). Such scores lie nearer to their mean than the true ones; they
+are moved apart by the factor that is expected of them.
+
 References: R. L. Plackett, Appl. Statist. 24 (1975) 193-202; R. D. Luce, Individual Choice Behavior, 1959; the integral
 for ties is that of J. D. Kalbfleisch and R. L. Prentice, Biometrika 60 (1973) 267-278, for equal times of death; scales
 of rankers are those of K. Raman and T. Joachims, KDD 2014, 1037-1046.
@@ -19,15 +25,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from seqrsm.arrays import FloatArray, IntArray
 
-SCORE_PRIOR_SD = 5.0
-"""Weak prior [logit] of a score about the mean: an image that everybody ranks first has a finite score."""
+SPREAD_LOGIT, SPREAD_WORTH = 1.5, 2.0
+"""Standard deviation of scores, and the number of images that it stands for beside those that are ranked (assumed)."""
 SHARPNESS_PRIOR_SD = 0.5
 """Prior of log kappa: two thirds of interpreters are between 0.6 and 1.6 times as sharp as the average one."""
+
+_ROUNDS, _SETTLED = 300, 1e-4
+_LEAST_LEFT: Final = 0.02
+_SHARPEST: Final = 3.0  # log kappa, either way: six standard deviations of its prior
 
 # Nodes of eq. 2 in v = log t: the integrand is analytic and dies out doubly exponentially, so the trapezoidal rule on
 # them is exact to rounding.
@@ -84,16 +96,22 @@ class RankingFit:
     sharpness_log_se: FloatArray
     agreement: FloatArray
 
+    @property
+    def scale_se(self) -> float:
+        """Relative standard error of the distance between scores, which all have in common; 0 where all are equal."""
+        size = float(self.scores @ self.scores)
+        return max(float(self.scores @ self.covariance @ self.scores), 0.0) ** 0.5 / size if size > 0.0 else 0.0
+
 
 def fit_rankings(
     rankings: Sequence[Ranking],
     n_images: int,
     n_interpreters: int,
     *,
-    score_prior_sd: float = SCORE_PRIOR_SD,
+    spread: float | None = None,
     sharpness_prior_sd: float = SHARPNESS_PRIOR_SD,
 ) -> RankingFit:
-    """Posterior mode of scores and interpreter effects, and standard errors from the curvature there.
+    """Scores and interpreter effects with their standard errors.
 
     Parameters
     ----------
@@ -101,46 +119,79 @@ def fit_rankings(
         Every image in at least one; the images should be connected by them, see `connected`.
     n_images, n_interpreters : int
         At least 1 each.
-    score_prior_sd : float
-        inf for maximum likelihood (which does not exist when an image is always first or last).
+    spread : float, optional
+        Standard deviation of the scores [logit], in place of an estimate; inf for maximum likelihood (which does not
+        exist when an image is always first or last).
     sharpness_prior_sd : float
         0 makes all interpreters equal.
     """
-    basis = _contrasts(n_images)
     free = sharpness_prior_sd > 0.0 and n_interpreters > 1
-    sharp_basis = _contrasts(n_interpreters) if free else np.zeros((n_interpreters, 0))
-    to_all = np.block(
-        [[basis, np.zeros((n_images, sharp_basis.shape[1]))], [np.zeros((n_interpreters, basis.shape[1])), sharp_basis]]
-    )
-    precision = np.concatenate(
-        [np.full(n_images, score_prior_sd**-2.0), np.full(n_interpreters, sharpness_prior_sd**-2.0 if free else 0.0)]
-    )
-
-    def minus_log_posterior(reduced: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        x = to_all @ reduced
-        value, gradient, hessian = log_likelihood(rankings, x[:n_images], x[n_images:])
-        value -= 0.5 * float(precision @ x**2)
-        gradient = gradient - precision * x
-        hessian = hessian - np.diag(precision)
-        return -value, -to_all.T @ gradient, -to_all.T @ hessian @ to_all
-
-    start = np.zeros(to_all.shape[1])
-    if len(start):
-        # A start in the direction of the mean ranks: at zero the sharpness has no effect, the surface is flat in it.
-        start[: basis.shape[1]] = basis.T @ _mean_standing(rankings, n_images)
-        start = _newton(minus_log_posterior, start)
-    x = to_all @ start
-    covariance = to_all @ np.linalg.inv(minus_log_posterior(start)[2]) @ to_all.T if len(start) else np.zeros((2, 2))
-    scores = x[:n_images]
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    of = [[ranking for ranking in rankings if ranking.interpreter == j] for j in range(n_interpreters)]
+    scores, covariance = _mean_standing(rankings, n_images), np.zeros((n_images, n_images))
+    log_sharpness, deviation = np.zeros(n_interpreters), np.zeros(n_interpreters)
+    sd = SPREAD_LOGIT if spread is None else spread
+    for _ in range(_ROUNDS):
+        scores, covariance = _scores(rankings, scores, log_sharpness, sd)
+        new_sd, new = sd, log_sharpness
+        if spread is None:
+            size = float(scores @ scores + np.trace(covariance)) + SPREAD_WORTH * SPREAD_LOGIT**2
+            new_sd = float(np.sqrt(size / (n_images - 1 + SPREAD_WORTH)))
+        if free:
+            found = [_sharpness(own, scores, covariance, sharpness_prior_sd) for own in of]
+            new, deviation = np.array(found).T
+            new = new - new.mean()
+        change = max(abs(new_sd / sd - 1.0) if spread is None else 0.0, float(np.max(np.abs(new - log_sharpness))))
+        sd, log_sharpness = new_sd, new
+        if change < _SETTLED:
+            break
+    # What is left of a score's deviation: near 1 where rankings say much, 0 where they say nothing.
+    left = max(1.0 - np.trace(covariance) / (max(n_images - 1, 1) * sd**2), _LEAST_LEFT)
+    covariance = covariance / left
     return RankingFit(
-        scores=scores,
-        se=deviations[:n_images],
-        covariance=covariance[:n_images, :n_images],
-        sharpness=np.exp(x[n_images:]),
-        sharpness_log_se=deviations[n_images:],
+        scores=scores / left,
+        se=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+        covariance=covariance,
+        sharpness=np.exp(log_sharpness),
+        sharpness_log_se=deviation,
         agreement=np.array([_agreement(rankings, scores, j) for j in range(n_interpreters)]),
     )
+
+
+def _scores(
+    rankings: Sequence[Ranking], start: FloatArray, log_sharpness: FloatArray, sd: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mode and covariance of the scores, whose prior has the standard deviation ``sd``."""
+    n = len(start)
+    basis, precision = _contrasts(n), sd**-2.0
+    if n == 1:
+        return np.zeros(1), np.zeros((1, 1))
+
+    def minus_log_posterior(reduced: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        x = basis @ reduced
+        value, gradient, hessian = log_likelihood(rankings, x, log_sharpness)
+        slope, curvature = gradient[:n] - precision * x, hessian[:n, :n] - precision * np.eye(n)
+        return 0.5 * precision * float(x @ x) - value, -basis.T @ slope, -basis.T @ curvature @ basis
+
+    found = _newton(minus_log_posterior, basis.T @ start)
+    return basis @ found, basis @ np.linalg.inv(minus_log_posterior(found)[2]) @ basis.T
+
+
+def _sharpness(
+    rankings: Sequence[Ranking], scores: FloatArray, covariance: FloatArray, prior_sd: float
+) -> tuple[float, float]:
+    """Log sharpness of the interpreter of some rankings, the most probable over the scores, and its standard error."""
+    rankings, n = [Ranking(0, ranking.groups) for ranking in rankings], len(scores)
+
+    def minus_log_posterior(log_sharpness: float) -> float:
+        value, _, hessian = log_likelihood(rankings, scores, np.array([log_sharpness]))
+        expected = value + 0.5 * float(np.sum(hessian[:n, :n] * covariance))
+        return 0.5 * (log_sharpness / prior_sd) ** 2 - expected
+
+    best = float(minimize_scalar(minus_log_posterior, bounds=(-_SHARPEST, _SHARPEST), method="bounded").x)
+    step = 0.05
+    ends = [minus_log_posterior(best + k * step) for k in (-1, 0, 1)]
+    curvature = (ends[0] - 2.0 * ends[1] + ends[2]) / step**2
+    return best, float(max(curvature, prior_sd**-2.0) ** -0.5)
 
 
 def _newton(function: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], start: FloatArray) -> FloatArray:
@@ -186,52 +237,65 @@ def log_likelihood(
     n = len(scores)
     value, gradient, hessian = 0.0, np.zeros(n + len(log_sharpness)), np.zeros((n + len(log_sharpness),) * 2)
     for ranking in rankings:
-        left = np.array([image for group in ranking.groups for image in group], dtype=np.intp)
+        images = np.array([image for group in ranking.groups for image in group], dtype=np.intp)
         kappa, j = float(np.exp(log_sharpness[ranking.interpreter])), n + ranking.interpreter
-        for group in ranking.groups[:-1]:  # the last group is what is left: certain
-            m = len(group)
-            eta = kappa * scores[left]
-            log_p, g, h = _stage(eta, m)
-            value += log_p
-            gradient[left] += kappa * g
-            gradient[j] += g @ eta
-            hessian[np.ix_(left, left)] += kappa**2 * h
-            cross = kappa * (g + h @ eta)
-            hessian[left, j] += cross
-            hessian[j, left] += cross
-            hessian[j, j] += g @ eta + eta @ h @ eta
-            left = left[m:]
+        eta = kappa * scores[images]
+        log_p, g, h = _log_probability(eta, [len(group) for group in ranking.groups])
+        value += log_p
+        gradient[images] += kappa * g
+        gradient[j] += g @ eta
+        hessian[np.ix_(images, images)] += kappa**2 * h
+        cross = kappa * (g + h @ eta)
+        hessian[images, j] += cross
+        hessian[j, images] += cross
+        hessian[j, j] += g @ eta + eta @ h @ eta
     return value, gradient, hessian
 
 
-def _stage(eta: FloatArray, m: int) -> tuple[float, FloatArray, FloatArray]:
+def _log_probability(eta: FloatArray, sizes: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
+    """Log probability of an order of images with log worths ``eta`` (n,), in groups of ``sizes``; its derivatives."""
+    n, starts = len(eta), np.cumsum([0, *sizes[:-2]]) if len(sizes) > 1 else np.zeros(0, dtype=np.intp)
+    single = starts[np.array(sizes[:-1], dtype=np.intp) == 1]
+    left = np.arange(n) >= single[:, None]  # the last group is what is left: certain
+    worth = np.where(
+        left, np.exp(eta - np.max(np.where(left, eta, -np.inf), axis=1, keepdims=True, initial=-700.0)), 0.0
+    )
+    share = worth / worth.sum(axis=1, keepdims=True)
+    log_p, g, h = float(np.sum(np.log(share[np.arange(len(single)), single]))), -share.sum(axis=0), share.T @ share
+    g[single] += 1.0
+    h[np.diag_indices(n)] -= share.sum(axis=0)
+    for start, m in zip(starts, sizes[:-1], strict=True):
+        if m > 1:
+            of_group, slope, curvature = _tied(eta[start:], m)
+            log_p += of_group
+            g[start:] += slope
+            h[start:, start:] += curvature
+    return log_p, g, h
+
+
+def _tied(eta: FloatArray, m: int) -> tuple[float, FloatArray, FloatArray]:
     """Log probability that the first ``m`` of the images with log worths ``eta`` come before all others.
 
     With w = exp(eta), W = sum of w over the others and a_i = w_i / W (eq. 2):
-    P = integral from 0 to infinity of exp(-t) product over i of (1 - exp(-a_i t)) dt; for m = 1, w_1 / (w_1 + W).
+    P = integral from 0 to infinity of exp(-t) product over i of (1 - exp(-a_i t)) dt.
     """
     chosen, rest = eta[:m], eta[m:]
     top = rest.max()
     worth = np.exp(rest - top)
     share = worth / worth.sum()
     alpha = chosen - top - np.log(worth.sum())
-    if m == 1:
-        p = 1.0 / (1.0 + np.exp(-alpha[0]))
-        log_p, g_alpha, h_alpha = -float(np.logaddexp(0.0, -alpha[0])), np.array([1.0 - p]), np.array([[-p * (1 - p)]])
-    else:
-        x = np.clip(np.exp(alpha)[:, None] * _T, 1e-300, 700.0)
-        density = _WEIGHT * np.prod(-np.expm1(-x), axis=0)
-        total = density.sum()
-        density = density / total
-        slope = x / np.expm1(x)
-        log_p, g_alpha = float(np.log(total)), slope @ density
-        h_alpha = (slope * density) @ slope.T - np.outer(g_alpha, g_alpha)
-        np.fill_diagonal(h_alpha, (slope * (1.0 - x)) @ density - g_alpha**2)
+    x = np.clip(np.exp(alpha)[:, None] * _T, 1e-300, 700.0)
+    density = _WEIGHT * np.prod(-np.expm1(-x), axis=0)
+    total = density.sum()
+    density = density / total
+    slope = x / np.expm1(x)
+    g_alpha = slope @ density
+    h_alpha = (slope * density) @ slope.T - np.outer(g_alpha, g_alpha)
+    np.fill_diagonal(h_alpha, (slope * (1.0 - x)) @ density - g_alpha**2)
     jacobian = np.hstack([np.eye(m), np.tile(-share, (m, 1))])
-    gradient = jacobian.T @ g_alpha
     hessian = jacobian.T @ h_alpha @ jacobian
     hessian[m:, m:] -= g_alpha.sum() * (np.diag(share) - np.outer(share, share))
-    return log_p, gradient, hessian
+    return float(np.log(total)), jacobian.T @ g_alpha, hessian
 
 
 def connected(rankings: Sequence[Ranking], n_images: int) -> IntArray:

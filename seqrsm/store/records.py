@@ -300,6 +300,8 @@ class RankingSummary:
         That count.
     scores : dict of int to (float, float)
         Score and standard error [logit] of each run that the rankings join.
+    scale_se : float
+        Relative standard error of the distance between scores, which all have in common.
     apart : tuple of int
         Runs that no chain of rankings joins with these: they have no score yet.
     interpreters : tuple of InterpreterEffect
@@ -308,6 +310,7 @@ class RankingSummary:
     application: str
     rankings: int
     scores: dict[int, tuple[float, float]]
+    scale_se: float
     apart: tuple[int, ...]
     interpreters: tuple[InterpreterEffect, ...]
 

@@ -293,7 +293,7 @@ def score_rankings(ledger: Ledger, application: str) -> RankingSummary:
 
 def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders: Sequence[Ranking]) -> RankingSummary:
     if not orders:
-        return RankingSummary(application, 0, {}, (), ())
+        return RankingSummary(application, 0, {}, 0.0, (), ())
     label = connected(orders, len(run_ids))
     main = int(np.argmax(np.bincount(label)))
     joined = np.flatnonzero(label == main)
@@ -314,7 +314,7 @@ def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders:
         agreement = tau if np.isfinite(tau) else None
         effects.append(InterpreterEffect(names[j], count, sharpness, sharpness / factor, sharpness * factor, agreement))
     apart = tuple(run_id for i, run_id in enumerate(run_ids) if i not in place)
-    return RankingSummary(application, len(inside), scores, apart, tuple(effects))
+    return RankingSummary(application, len(inside), scores, fit.scale_se, apart, tuple(effects))
 
 
 def _write_scores(ledger: Ledger, application: str, summary: RankingSummary, ranked: set[int]) -> None:
