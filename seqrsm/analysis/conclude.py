@@ -14,7 +14,7 @@ from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence
-from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import Step, steps_of
 from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
@@ -284,10 +284,10 @@ def _confirmation(
         interval = confirmation_interval(scores, spec.stop.level)
     at = fitted.region.code([fresh[0].settings])
     predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
-    fresh_scale = ResponseScale.of(spec.model.response, scores)
+    values = scale.centred(scores)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(
-        confirmation_interval(fresh_scale.values, spec.stop.level),
+        confirmation_interval(values, spec.stop.level),
         predicted=0.5 * (wide.low + wide.high),
         half_width=wide.half_width,
         df=surface.df_residual,

@@ -122,12 +122,12 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     FitError
         Weights from standard errors or counts that some scores do not have.
     """
+    columns, _ = block_columns(block_labels(spec, data))
+    Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
     if spec.model.weights == "equal":
-        return ResponseScale.of(spec.model.response, data.scores)
+        return ResponseScale.of(spec.model.response, data.scores, Z)
     if spec.model.weights == "counts":
         _, trials = counts_of(data, 'weights = "counts"')
-        columns, _ = block_columns(block_labels(spec, data))
-        Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
         return ResponseScale.of_counts(
             spec.model.response, data.scores, trials, expected_shares(Z, data.scores, trials)
         )
@@ -135,7 +135,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
         raise FitError(Problem(f"{named} have no standard error for weighting", remedy))
-    return ResponseScale.of(spec.model.response, data.scores, data.score_se)
+    return ResponseScale.of(spec.model.response, data.scores, Z, data.score_se)
 
 
 def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:

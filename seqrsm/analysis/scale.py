@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
-from seqrsm.fit.weights import share_variance
+from seqrsm.fit.weights import share_variance, unbiased_logits
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,8 @@ class Interval:
 class ResponseScale:
     """Identity, or the logit of percent scores; weights keep the scatter equal in percent, or go by counts.
 
+    Logits of scores are lowered by the excess of their mean, see `seqrsm.fit.weights.unbiased_logits`.
+
     Attributes
     ----------
     kind : "identity" or "logit"
@@ -69,13 +71,17 @@ class ResponseScale:
     trials: float = float("nan")
 
     @classmethod
-    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray, se: FloatArray | None = None) -> ResponseScale:
+    def of(
+        cls, kind: Literal["identity", "logit"], scores: FloatArray, Z: FloatArray, se: FloatArray | None = None
+    ) -> ResponseScale:
         """Put scores (n,) on the scale.
 
         Parameters
         ----------
         kind : "identity" or "logit"
         scores : ndarray (n,)
+        Z : ndarray (n, p)
+            Model matrix with blocks.
         se : ndarray (n,), optional
             Standard errors that runs count by, > 0; a future run has their median. By default all count alike.
 
@@ -87,7 +93,8 @@ class ResponseScale:
         relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
         if kind == "identity":
             return cls(kind, scores, relative, 1.0)
-        values, variance = logit_scores(scores), logit_variance(scores)
+        values, expected = unbiased_logits(Z, scores, 1.0 / relative)
+        variance = logit_variance(expected)
         unit = float(1.0 / np.mean(1.0 / variance))
         return cls(kind, values, unit / variance * relative, unit)
 
@@ -116,6 +123,13 @@ class ResponseScale:
     def to_score(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
         return values if self.kind == "identity" else logit_to_percent(values)
+
+    def centred(self, scores: FloatArray) -> FloatArray:
+        """Repeated scores on the scale of the fit, with the value of their mean as their mean."""
+        if self.kind == "identity":
+            return scores
+        logits = logit_scores(scores)
+        return np.asarray(logits - np.mean(logits) + logit_scores(np.mean(scores, keepdims=True)))
 
     def in_scores(self, low: float, high: float) -> Interval:
         """An interval of the scale of the fit, in score units."""
