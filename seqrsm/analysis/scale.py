@@ -62,6 +62,8 @@ class ResponseScale:
         Variance that weight 1 stands for: of a logit for a scatter of 1 percent, of a count's binomial; else 1.
     trials : float
         Decisions behind a future score, where scores are counts; nan where they are not.
+    se : float
+        Standard error of a future score, where runs count by theirs; nan where they do not.
     """
 
     kind: Literal["identity", "logit"]
@@ -69,6 +71,7 @@ class ResponseScale:
     weights: FloatArray
     variance_unit: float
     trials: float = float("nan")
+    se: float = float("nan")
 
     @classmethod
     def of(
@@ -90,13 +93,14 @@ class ResponseScale:
         FitError
             "logit" with scores outside 0 to 100.
         """
-        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
+        usual = float("nan") if se is None or not len(se) else float(np.median(se))
+        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(usual / se)
         if kind == "identity":
-            return cls(kind, scores, relative, 1.0)
+            return cls(kind, scores, relative, 1.0, se=usual)
         values, expected = unbiased_logits(Z, scores, 1.0 / relative)
         variance = logit_variance(expected)
         unit = float(1.0 / np.mean(1.0 / variance))
-        return cls(kind, values, unit / variance * relative, unit)
+        return cls(kind, values, unit / variance * relative, unit, se=usual)
 
     @classmethod
     def of_counts(

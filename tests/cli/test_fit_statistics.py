@@ -99,7 +99,9 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     theirs = sm.WLS([row["score"] for row in rows], matrix(rows), weights=1 / se**2).fit()
     np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
     np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
-    # A future run has the median standard error.
+    # A future run has the median standard error, and the reader is told so.
+    _, shown, _ = command("fit", folder)
+    assert f"weighted by 1/se\u00b2; a future run has the median se, {np.median(se):.3g}." in " ".join(shown.split())
     (analysis,) = Campaign.open(folder).analyse_all()
     row = np.asarray(matrix([found["departure"]["optimum_of_quadratic"]]))
     half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
