@@ -301,12 +301,12 @@ class Campaign:
         return Status(self.spec, campaign_status(self.folder, history=history))
 
     def runs(self) -> DataFrame:
-        """Every run and score, as ``seqrsm export`` writes them."""
+        """Every run and score, as ``seqrsm export`` writes them, without units in the names of the columns."""
         import pandas as pd
 
         from seqrsm.campaign.export import run_rows
 
-        header, rows = run_rows(self.opened.store.runs(), self.spec.region.names)
+        header, rows = run_rows(self.opened.store.runs(), self.spec)
         return pd.DataFrame(rows, columns=pd.Index(header))
 
     def image(
