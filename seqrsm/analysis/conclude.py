@@ -125,7 +125,7 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        blocks=block_study(spec, fitted, of_quadratic.point) if thorough else None,
+        blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,
     )
 
@@ -220,6 +220,8 @@ def _decision(
     agreement: Agreement | None,
 ) -> Decision:
     rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
+    if surface.common_share and rule.interval != "confidence":  # which is of the average block
+        rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
     lack = fit.lack_of_fit()
     look = Look(
         n_runs=fit.n_runs,

@@ -17,7 +17,7 @@ from seqrsm.spec.read import CampaignSpec
 
 
 def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockStudy | None:
-    """How blocks differ, and what the quadratic's best settings ``point`` (k,), coded, give in a new one.
+    """How blocks differ, and what the recommended settings ``point`` (k,), coded, give in a new one by the quadratic.
 
     None where there is one block; a sentence stands for what cannot be had.
     """

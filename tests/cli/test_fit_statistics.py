@@ -142,6 +142,14 @@ def test_random_blocks(tmp_path: Path) -> None:
     best, half = found["optimum"], new["prediction"]["half_width"]
     assert best["prediction"]["half_width"] == pytest.approx(half + 0.5 * best["optimism"], rel=1e-9)
     assert fixed["optimum"]["prediction"]["half_width"] < new["prediction"]["half_width"]
+    # The mean of five runs on one new day is no better known than that day: the floor of its interval tells so.
+    with (tmp_path / "r" / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write('interval = "prediction_mean"\n')
+    of_mean = fit(tmp_path / "r")["stop"]["noise_floor"]
+    days_share, runs_share = float(np.squeeze(theirs.cov_re)), theirs.scale
+    expected = (days_share + runs_share / 5) / (days_share + runs_share)
+    assert (of_mean / found["stop"]["noise_floor"]) ** 2 == pytest.approx(expected, rel=0.1)
+    assert of_mean > 1.96 * np.sqrt(days_share)
 
 
 @pytest.mark.parametrize(

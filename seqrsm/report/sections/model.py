@@ -382,11 +382,11 @@ def _by_block(analysis: Analysis) -> list[Block]:
     if found is None:
         return []
     blocks: list[Block] = [Paragraph(_block_text(found, _unit(analysis)))]
-    if isinstance(found.new, BlockResponse):
+    if isinstance(found.new, BlockResponse) and found.effect == "fixed":  # else the summary's interval is that
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
         columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
-        title = "The recommended settings in a new block"
+        title = "The recommended settings in a new block, by the quadratic, not corrected for selection bias"
         blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
     return [Details("Differences between blocks", tuple(blocks))]
 
