@@ -78,6 +78,11 @@ def fit_application(
     """
     region = spec.region
     data = scored_runs(region, runs, application.name)
+    known = {one.name for one in spec.applications}
+    others = dict.fromkeys(score.application for run in runs for score in run.scores if score.application not in known)
+    if others and not len(data.scores):
+        message = f"no run has a score of '{application.name}'; runs have scores of {', '.join(map(repr, others))}"
+        raise FitError(Problem(message, "Restore the name in campaign.toml, or ingest scores.", field="application"))
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     fit = fit_surface(spec, region, model, data, scale)
