@@ -143,16 +143,17 @@ def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], 
             row += [run.proposed.get(name) for name in factor_names]
             row += [getattr(run, name) for name in run_names]
             rows.append(row)
-    header = ["run_id", *factor_names, *score_names, *proposed_names, *run_names]
-    if block is not None and block not in header:
-        header[header.index("block", -len(run_names))] = block
-    return header, rows
+    header = ["run_id", *factor_names, *score_names, *proposed_names]
+    if block is not None and block not in (*header, *run_names):
+        run_names[run_names.index("block")] = block
+    return header + [f"run_{name}" if name in header else name for name in run_names], rows
 
 
 def _with_units(header: Sequence[str], spec: CampaignSpec) -> list[str]:
     """A header with units, ``frequency [GHz]``, of factors and cost."""
-    units = {factor.name: factor.unit for factor in spec.factors}
-    units = {"cost": spec.cost.unit} | {f"proposed_{name}": unit for name, unit in units.items()} | units
+    units = dict.fromkeys(("cost", "run_cost"), spec.cost.unit)
+    for factor in spec.factors:
+        units |= {factor.name: factor.unit, f"proposed_{factor.name}": factor.unit}
     return [f"{name} [{unit}]" if (unit := units.get(name, "")) else name for name in header]
 
 

@@ -332,7 +332,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     if len(known) == len(factors):
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
-        spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
+        spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)
     spec_sensors.candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:

@@ -156,6 +156,9 @@ def test_random_blocks(tmp_path: Path) -> None:
     ("model", "words"),
     [
         ('block_effect = "random"', "block_effect needs a block"),
+        ('block = ""', "needs a name that means nothing else"),
+        ('block = "x"', "needs a name that means nothing else"),
+        ('block = "score"', "needs a name that means nothing else"),
         ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
         ('errors = "beta_binomial"', "logit scale"),
         ('errors = "beta_binomial"\nresponse = "logit"\nweights = "counts"', "weights from the counts"),

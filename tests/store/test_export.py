@@ -102,6 +102,16 @@ def test_csv_names_units_and_the_column_of_blocks(store, tmp_path):
     assert [row.run_id for row in report.equal] == [1, 2]
 
 
+def test_a_factor_named_as_a_column_of_runs_keeps_its_name(store, tmp_path):
+    (tmp_path / "campaign.toml").write_text(SPEC.replace('"x"', '"cost"'))
+    spec = load_spec(tmp_path)
+    store.add_batch([NewRun({"cost": 0.5, "kind": "plain"}, cost=3.0)])
+    export(store, spec, tmp_path / "all.csv")
+    header = (tmp_path / "all.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert len(set(header)) == len(header)
+    assert [rows(tmp_path / "all.csv")[0][name] for name in ("cost", "run_cost")] == ["0.5", "3.0"]
+
+
 def test_no_cell_is_a_formula(filled):
     store, spec, folder = filled
     for path in export(store, spec, folder / "all.csv"):
