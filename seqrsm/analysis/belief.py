@@ -211,7 +211,8 @@ def intervals(
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
     wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    return float(scale.to_score(first.mean - taken_off)[0]), tuple(scale.in_scores(one.low, one.high) for one in wide)
+    found = tuple(scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True))
+    return float(scale.to_score(first.mean - taken_off)[0]), found
 
 
 def _mixture_quantile(

@@ -286,7 +286,7 @@ def _confirmation(
         interval = confirmation_interval(scores, spec.stop.level)
     at = fitted.region.code([fresh[0].settings])
     predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
-    values = scale.centred(scores)
+    values = scale.centred(scores, np.array([n for _, n in counts]) if len(counts) == len(found) else None)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(
         confirmation_interval(values, spec.stop.level),
@@ -295,7 +295,7 @@ def _confirmation(
         df=surface.df_residual,
         unit=application.score_unit,
     )
-    expected = scale.in_scores(wide.low, wide.high)
+    expected = scale.in_scores(wide.low, wide.high, len(scores))
     verdict, half = "in line with" if agreement.agrees else "contradicting", 0.5 * (interval.high - interval.low)
     measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
     text = (

@@ -124,20 +124,31 @@ class ResponseScale:
         unit = float(1.0 / np.mean(1.0 / variance))
         return cls(kind, values, unit / variance, unit, future)
 
-    def to_score(self, values: FloatArray) -> FloatArray:
-        """Score units of values on the scale of the fit."""
-        return values if self.kind == "identity" else logit_to_percent(values)
+    def to_score(self, values: FloatArray, runs: float = np.inf) -> FloatArray:
+        """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.
 
-    def centred(self, scores: FloatArray) -> FloatArray:
-        """Repeated scores on the scale of the fit, with the value of their mean as their mean."""
+        Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent.
+        """
+        if self.kind == "identity":
+            return values
+        percent, count = logit_to_percent(values), self.trials * runs
+        return np.clip(percent + (percent - 50.0) / count, 0.0, 100.0) if np.isfinite(count) else percent
+
+    def centred(self, scores: FloatArray, counts: FloatArray | None = None) -> FloatArray:
+        """Repeated scores on the scale of the fit, with the value of all decisions together as their mean."""
         if self.kind == "identity":
             return scores
-        logits = logit_scores(scores)
-        return np.asarray(logits - np.mean(logits) + logit_scores(np.mean(scores, keepdims=True)))
+        if not np.isfinite(self.trials):
+            counts = None
+        shares = np.ones(len(scores)) if counts is None else counts
+        total = None if counts is None else np.array([np.sum(counts)])
+        logits = logit_scores(scores, counts=counts)
+        together = logit_scores(np.average(scores, weights=shares, keepdims=True), counts=total)
+        return np.asarray(logits - np.mean(logits) + together)
 
-    def in_scores(self, low: float, high: float) -> Interval:
-        """An interval of the scale of the fit, in score units."""
-        ends = self.to_score(np.array([low, high]))
+    def in_scores(self, low: float, high: float, runs: float = np.inf) -> Interval:
+        """An interval of the scale of the fit, in score units: for means, or for the mean of so many future runs."""
+        ends = self.to_score(np.array([low, high]), runs)
         return Interval(float(ends[0]), float(ends[1]))
 
     def weight_at(self, values: FloatArray) -> FloatArray:
