@@ -29,6 +29,8 @@ from seqrsm.propose.cloud import climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
 
+STATED = "a prior is given for the quadratic"
+"""Why no process is weighed."""
 PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
 
@@ -75,7 +77,7 @@ def weigh_departure(
     n = len(fit.y)
     reason = surface.no_departure
     if not reason and stated:
-        reason = "a prior is given for the quadratic"
+        reason = STATED
     if not reason and model.order == 1:
         reason = "the model is of first order"
     if not reason and not (fit.df_residual > 0 and fit.s > 0.0):

@@ -331,6 +331,8 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         )
     if surface.note:
         found.append(surface.note)
+    if not surface.fixed_blocks and application.prior is not None and application.prior.utility is not None:
+        found.append("With random blocks only the bounds on effects of [application.prior] are used.")
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
     found += [

@@ -113,6 +113,9 @@ def fit_surface(
     n, needed = len(data.scores), model.p + len(names)
     if n < needed:
         message = f"{n} scored runs cannot determine {needed} terms"
+        if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
+            message += f", {len(names)} of them for blocks"
+            raise FitError(Problem(message, "Blocks need several runs each: score more in them, or omit the block."))
         raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
     Z = np.hstack([model.matrix(data.points), columns])
     try:

@@ -152,6 +152,12 @@ def test_random_blocks(tmp_path: Path) -> None:
     assert of_mean > 1.96 * np.sqrt(days_share)
 
 
+def test_days_of_one_run_each_are_told(tmp_path: Path) -> None:
+    rows = quadratic(12, block=[f"day{i}" for i in range(12)])
+    with pytest.raises(FitError, match=r"17 terms, 11 of them for blocks\. Blocks need several runs each"):
+        fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
+
+
 @pytest.mark.parametrize(
     ("model", "words"),
     [
@@ -249,6 +255,11 @@ def test_prior_in_natural_terms(tmp_path: Path) -> None:
     assert found["x"]["high"] - found["x"]["low"] < plain["x"]["high"] - plain["x"]["low"]
     assert found["x"]["mean"] > plain["x"]["mean"]  # drawn towards 9
     assert found["frequency"]["mean"] > plain["frequency"]["mean"] - 0.5
+    # What `fit` says of its reach: settings and intervals of the score are those without it.
+    _, shown, _ = command("fit", tmp_path / "k")
+    assert "the intervals of the score rest on the scores alone" in " ".join(shown.split())
+    best, departure = (fit(tmp_path / "k")[key] for key in ("optimum", "departure"))
+    assert best["settings"] == departure["optimum_of_quadratic"]
 
 
 @pytest.mark.parametrize(

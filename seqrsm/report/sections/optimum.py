@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, STATED
 from seqrsm.analysis.ground import LEVEL_WORLDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
@@ -195,6 +195,11 @@ def _departure(analysis: Analysis) -> list[Block]:
     found = analysis.fitted.departure
     if found.process is None:
         text = f"Settings and intervals are the quadratic's; no alternative surface was considered: {found.reason}."
+        if found.reason == STATED and analysis.fitted.surface.errors.exact:
+            text += (
+                " The prior enters the credible intervals of the optimal settings, the expected loss and the choice of "
+                "runs; the recommended settings and the intervals of the score rest on the scores alone."
+            )
         return [Paragraph(text)]
     two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
     of_sources = "" if analysis.sources is None else two
