@@ -344,7 +344,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
-    if fit.leverage_one_runs:
+    if fit.leverage_one_runs and fit.df_residual:  # else the model passes through every run, as said above
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
         one, several = f"run {ids} (leverage 1): its score", f"runs {ids} (leverage 1): their scores"
         through = one if len(fit.leverage_one_runs) == 1 else several

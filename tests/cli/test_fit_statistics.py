@@ -582,6 +582,13 @@ def test_differences_between_blocks_have_the_unit_of_the_scores(tmp_path: Path) 
     assert re.search(r"Standard deviation of a run [\d.]+ percent, of the blocks [\d.]+ percent \(restricted", text)
 
 
-def test_the_runs_of_a_saturated_design_are_told_in_the_plural(tmp_path: Path) -> None:
-    _, text, _ = command("fit", make(tmp_path / "c", X, [{"x": x, "score": x * x} for x in (0.0, 4.0, 10.0)]))
-    assert "The model must pass through runs 1, 2, 3 (leverage 1): their scores cannot be checked." in text
+def test_runs_of_leverage_one_are_told_in_the_plural_where_there_are_others(tmp_path: Path) -> None:
+    def told(name: str, *places: float) -> str:
+        rows = [{"x": x, "score": x * x + i % 2} for i, x in enumerate(places)]
+        return command("fit", make(tmp_path / name, X, rows))[1]
+
+    text = told("c", 0.0, 0.0, 4.0, 10.0)
+    assert "The model must pass through runs 3, 4 (leverage 1): their scores cannot be checked." in text
+    text = told("saturated", 0.0, 4.0, 10.0)
+    assert "as many terms as runs" in text
+    assert "leverage 1" not in text
