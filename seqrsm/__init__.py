@@ -15,12 +15,17 @@ See `seqrsm.Campaign`.
 """
 
 __version__ = "0.1.0"
+_NOTEBOOK = ("Campaign", "Fit")
 
 
 def __getattr__(name: str) -> object:
     """``seqrsm.Campaign`` and ``seqrsm.Fit``, loaded at their first use."""
-    if name not in ("Campaign", "Fit"):
+    if name not in _NOTEBOOK:
         raise AttributeError(f"module 'seqrsm' has no attribute '{name}'")
     from importlib import import_module
 
     return getattr(import_module("seqrsm.cli.notebook"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_NOTEBOOK]  # what a notebook completes

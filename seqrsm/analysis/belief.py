@@ -29,6 +29,8 @@ from seqrsm.propose.cloud import climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
 
+STATED = "a prior is given for the quadratic"
+"""Why no process is weighed."""
 PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
 
@@ -75,7 +77,7 @@ def weigh_departure(
     n = len(fit.y)
     reason = surface.no_departure
     if not reason and stated:
-        reason = "a prior is given for the quadratic"
+        reason = STATED
     if not reason and model.order == 1:
         reason = "the model is of first order"
     if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
@@ -211,7 +213,8 @@ def intervals(
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
     wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    return float(scale.to_score(first.mean - taken_off)[0]), tuple(scale.in_scores(one.low, one.high) for one in wide)
+    found = tuple(scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True))
+    return float(scale.to_score(first.mean - taken_off)[0]), found
 
 
 def _mixture_quantile(

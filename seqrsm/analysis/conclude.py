@@ -14,7 +14,7 @@ from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence
-from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import Step, steps_of
 from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
@@ -125,7 +125,7 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        blocks=block_study(spec, fitted, of_quadratic.point) if thorough else None,
+        blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,
     )
 
@@ -220,6 +220,8 @@ def _decision(
     agreement: Agreement | None,
 ) -> Decision:
     rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
+    if surface.common_share and rule.interval != "confidence":  # which is of the average block
+        rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
     lack = fit.lack_of_fit()
     look = Look(
         n_runs=fit.n_runs,
@@ -284,16 +286,16 @@ def _confirmation(
         interval = confirmation_interval(scores, spec.stop.level)
     at = fitted.region.code([fresh[0].settings])
     predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
-    fresh_scale = ResponseScale.of(spec.model.response, scores)
+    values = scale.centred(scores, np.array([n for _, n in counts]) if len(counts) == len(found) else None)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(
-        confirmation_interval(fresh_scale.values, spec.stop.level),
+        confirmation_interval(values, spec.stop.level),
         predicted=0.5 * (wide.low + wide.high),
         half_width=wide.half_width,
         df=surface.df_residual,
         unit=application.score_unit,
     )
-    expected = scale.in_scores(wide.low, wide.high)
+    expected = scale.in_scores(wide.low, wide.high, len(scores))
     verdict, half = "in line with" if agreement.agrees else "contradicting", 0.5 * (interval.high - interval.low)
     measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
     text = (
@@ -329,6 +331,8 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         )
     if surface.note:
         found.append(surface.note)
+    if not surface.fixed_blocks and application.prior is not None and application.prior.utility is not None:
+        found.append("With random blocks only the bounds on effects of [application.prior] are used.")
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
     found += [
@@ -340,7 +344,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
-    if fit.leverage_one_runs:
+    if fit.leverage_one_runs and fit.df_residual:  # else the model passes through every run, as said above
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
         one, several = f"run {ids} (leverage 1): its score", f"runs {ids} (leverage 1): their scores"
         through = one if len(fit.leverage_one_runs) == 1 else several

@@ -78,6 +78,11 @@ def fit_application(
     """
     region = spec.region
     data = scored_runs(region, runs, application.name)
+    known = {one.name for one in spec.applications}
+    others = dict.fromkeys(score.application for run in runs for score in run.scores if score.application not in known)
+    if others and not len(data.scores):
+        message = f"no run has a score of '{application.name}'; runs have scores of {', '.join(map(repr, others))}"
+        raise FitError(Problem(message, "Restore the name in campaign.toml, or ingest scores.", field="application"))
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     fit = fit_surface(spec, region, model, data, scale)
@@ -108,6 +113,9 @@ def fit_surface(
     n, needed = len(data.scores), model.p + len(names)
     if n < needed:
         message = f"{n} scored runs cannot determine {needed} terms"
+        if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
+            message += f", {len(names)} of them for blocks"
+            raise FitError(Problem(message, "Blocks need several runs each: score more in them, or omit the block."))
         raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
     Z = np.hstack([model.matrix(data.points), columns])
     try:

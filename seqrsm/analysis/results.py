@@ -28,7 +28,10 @@ from seqrsm.fit.optimum import Goal, Optimum
 
 @dataclass(frozen=True, slots=True)
 class BlockResponse:
-    """The recommended settings in a block not yet run: mean of the average block, its interval, that of one run."""
+    """The recommended settings in a block not yet run, by the quadratic and not corrected for selection bias.
+
+    Mean of the average block, its interval, that of one run.
+    """
 
     mean: float
     confidence: Interval

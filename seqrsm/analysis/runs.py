@@ -11,7 +11,7 @@ from seqrsm.analysis.scale import ResponseScale
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError, Problem, RegionError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.weights import expected_shares
 from seqrsm.spec.read import CampaignSpec
@@ -75,7 +75,7 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
     ]
     return ScoredRuns(
         run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
-        points=region.code([run.settings for run, _ in used]) if used else np.empty((0, region.k)),
+        points=coded_settings(region, [run for run, _ in used]),
         scores=np.array([score.score for _, score in used], dtype=np.float64),
         score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
         sources=tuple(run.source for run, _ in used),
@@ -87,6 +87,37 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         guess=_mean_of([score.metadata.get("guess") for _, score in used]),
         perfect=_mean_of([score.metadata.get("perfect") for _, score in used]),
     )
+
+
+def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
+    """Settings (n, k) of runs, coded.
+
+    Raises
+    ------
+    RegionError
+        Settings of factors or levels that the campaign no longer has; the runs are named.
+    """
+    if not runs:
+        return np.empty((0, region.k))
+    try:
+        return region.code([run.settings for run in runs])
+    except RegionError as error:
+        groups: dict[tuple[str, str | None, object], list[int]] = {}
+        for one in error.problems:
+            groups.setdefault((one.message, one.field, one.value), []).append(runs[(one.line or 1) - 1].run_id)
+        remedy = "campaign.toml was changed since: restore the name, or void these runs."
+        raise RegionError(
+            *(
+                Problem(f"{_run_list(np.array(ids))}: {message}", remedy, field=name, value=value)
+                for (message, name, value), ids in groups.items()
+            )
+        ) from None
+
+
+def n_determined(model: QuadraticModel, points: FloatArray) -> int:
+    """Number of runs at coded ``points`` (n, k), or of the terms that they determine, if that is not all."""
+    rank = int(np.linalg.matrix_rank(model.matrix(points))) if len(points) else 0
+    return len(points) if rank == model.p else rank
 
 
 def _mean_of(values: Sequence[float | None]) -> float:
@@ -122,12 +153,12 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     FitError
         Weights from standard errors or counts that some scores do not have.
     """
+    columns, _ = block_columns(block_labels(spec, data))
+    Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
     if spec.model.weights == "equal":
-        return ResponseScale.of(spec.model.response, data.scores)
+        return ResponseScale.of(spec.model.response, data.scores, Z)
     if spec.model.weights == "counts":
         _, trials = counts_of(data, 'weights = "counts"')
-        columns, _ = block_columns(block_labels(spec, data))
-        Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
         return ResponseScale.of_counts(
             spec.model.response, data.scores, trials, expected_shares(Z, data.scores, trials)
         )
@@ -135,7 +166,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
         raise FitError(Problem(f"{named} have no standard error for weighting", remedy))
-    return ResponseScale.of(spec.model.response, data.scores, data.score_se)
+    return ResponseScale.of(spec.model.response, data.scores, Z, data.score_se)
 
 
 def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:

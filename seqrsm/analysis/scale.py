@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
-from seqrsm.fit.weights import share_variance
+from seqrsm.fit.weights import share_variance, unbiased_logits
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,8 @@ class Interval:
 class ResponseScale:
     """Identity, or the logit of percent scores; weights keep the scatter equal in percent, or go by counts.
 
+    Logits of scores are lowered by the excess of their mean, see `seqrsm.fit.weights.unbiased_logits`.
+
     Attributes
     ----------
     kind : "identity" or "logit"
@@ -60,6 +62,8 @@ class ResponseScale:
         Variance that weight 1 stands for: of a logit for a scatter of 1 percent, of a count's binomial; else 1.
     trials : float
         Decisions behind a future score, where scores are counts; nan where they are not.
+    se : float
+        Standard error of a future score, where runs count by theirs; nan where they do not.
     """
 
     kind: Literal["identity", "logit"]
@@ -67,15 +71,20 @@ class ResponseScale:
     weights: FloatArray
     variance_unit: float
     trials: float = float("nan")
+    se: float = float("nan")
 
     @classmethod
-    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray, se: FloatArray | None = None) -> ResponseScale:
+    def of(
+        cls, kind: Literal["identity", "logit"], scores: FloatArray, Z: FloatArray, se: FloatArray | None = None
+    ) -> ResponseScale:
         """Put scores (n,) on the scale.
 
         Parameters
         ----------
         kind : "identity" or "logit"
         scores : ndarray (n,)
+        Z : ndarray (n, p)
+            Model matrix with blocks.
         se : ndarray (n,), optional
             Standard errors that runs count by, > 0; a future run has their median. By default all count alike.
 
@@ -84,12 +93,14 @@ class ResponseScale:
         FitError
             "logit" with scores outside 0 to 100.
         """
-        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
+        usual = float("nan") if se is None or not len(se) else float(np.median(se))
+        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(usual / se)
         if kind == "identity":
-            return cls(kind, scores, relative, 1.0)
-        values, variance = logit_scores(scores), logit_variance(scores)
+            return cls(kind, scores, relative, 1.0, se=usual)
+        values, expected = unbiased_logits(Z, scores, 1.0 / relative)
+        variance = logit_variance(expected)
         unit = float(1.0 / np.mean(1.0 / variance))
-        return cls(kind, values, unit / variance * relative, unit)
+        return cls(kind, values, unit / variance * relative, unit, se=usual)
 
     @classmethod
     def of_counts(
@@ -113,13 +124,31 @@ class ResponseScale:
         unit = float(1.0 / np.mean(1.0 / variance))
         return cls(kind, values, unit / variance, unit, future)
 
-    def to_score(self, values: FloatArray) -> FloatArray:
-        """Score units of values on the scale of the fit."""
-        return values if self.kind == "identity" else logit_to_percent(values)
+    def to_score(self, values: FloatArray, runs: float = np.inf) -> FloatArray:
+        """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.
 
-    def in_scores(self, low: float, high: float) -> Interval:
-        """An interval of the scale of the fit, in score units."""
-        ends = self.to_score(np.array([low, high]))
+        Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent.
+        """
+        if self.kind == "identity":
+            return values
+        percent, count = logit_to_percent(values), self.trials * runs
+        return np.clip(percent + (percent - 50.0) / count, 0.0, 100.0) if np.isfinite(count) else percent
+
+    def centred(self, scores: FloatArray, counts: FloatArray | None = None) -> FloatArray:
+        """Repeated scores on the scale of the fit, with the value of all decisions together as their mean."""
+        if self.kind == "identity":
+            return scores
+        if not np.isfinite(self.trials):
+            counts = None
+        shares = np.ones(len(scores)) if counts is None else counts
+        total = None if counts is None else np.array([np.sum(counts)])
+        logits = logit_scores(scores, counts=counts)
+        together = logit_scores(np.average(scores, weights=shares, keepdims=True), counts=total)
+        return np.asarray(logits - np.mean(logits) + together)
+
+    def in_scores(self, low: float, high: float, runs: float = np.inf) -> Interval:
+        """An interval of the scale of the fit, in score units: for means, or for the mean of so many future runs."""
+        ends = self.to_score(np.array([low, high]), runs)
         return Interval(float(ends[0]), float(ends[1]))
 
     def weight_at(self, values: FloatArray) -> FloatArray:

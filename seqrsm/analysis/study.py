@@ -17,7 +17,7 @@ from seqrsm.spec.read import CampaignSpec
 
 
 def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockStudy | None:
-    """How blocks differ, and what the quadratic's best settings ``point`` (k,), coded, give in a new one.
+    """How blocks differ, and what the recommended settings ``point`` (k,), coded, give in a new one by the quadratic.
 
     None where there is one block; a sentence stands for what cannot be had.
     """
@@ -36,8 +36,11 @@ def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockS
         if days is None:
             return None
         found = days.predict(row, level, weight=float(scale.weight_at(surface.predict(row).mean)[0]))
-        ends = ((float(one.low[0]), float(one.high[0])) for one in (found.confidence, found.prediction))
-        new = BlockResponse(float(scale.to_score(found.mean)[0]), *(scale.in_scores(*one) for one in ends))
+        confidence, prediction = (
+            scale.in_scores(float(one.low[0]), float(one.high[0]), runs)
+            for one, runs in ((found.confidence, np.inf), (found.prediction, 1.0))
+        )
+        new = BlockResponse(float(scale.to_score(found.mean)[0]), confidence, prediction)
         sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     return BlockStudy(

@@ -167,6 +167,11 @@ class Surface:
         del point, level
         return None
 
+    @property
+    def common_share(self) -> float:
+        """Share of the variance of a future run that others made with it have in common."""
+        return 0.0
+
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Its blocks as a random effect, fitted for this where they are constants; None where errors know none."""
         return random_blocks(spec, self.model, self.data, self.scale) if self.errors.random_blocks else None
@@ -249,6 +254,12 @@ class RandomBlocks(Surface):
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
         why = "exactly, not by emcee: the exact form is known with random blocks"
         return Draws(beta, sigma, made, share, sigma_block=of_blocks, instead=why)
+
+    @property
+    def common_share(self) -> float:
+        """That of the block."""
+        found = self.posterior
+        return float(found.shares @ (np.square(found.s) * found.ratios)) / found.s_new_day**2
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""

@@ -31,7 +31,7 @@ from seqrsm.analysis.ground import (
     ranked_values,
 )
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import evidence, scored_runs
+from seqrsm.analysis.runs import coded_settings, evidence, n_determined, scored_runs
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
@@ -62,8 +62,9 @@ def silent(*_: object) -> None:
 
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
-    """Scores that can be fitted, of the application that has the fewest."""
-    return min(len(scored_runs(spec.region, runs, one.name).scores) for one in spec.applications)
+    """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
+    model = QuadraticModel(spec.factors, spec.model.order)
+    return min(n_determined(model, scored_runs(spec.region, runs, one.name).points) for one in spec.applications)
 
 
 class Campaign:
@@ -255,9 +256,9 @@ class Campaign:
             return start_batch(self.spec, model, start_source, failed=failed)
         if fitted <= model.p:
             waiting = [run for run in active if run.state in WAITING]
-            if len(active) <= model.p or not waiting:
+            if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
                 return start_batch(self.spec, model, start_source, active, failed)
-            message = f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting"
+            message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
             raise StoreError(Problem(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`)."))
         if not analyses:
             analyses = self.analyse_all()

@@ -43,7 +43,8 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     path : Path or str
         ``NAME.json``: one document with specification, scene, runs, scores, looks, events
         and files, from which `seqrsm.campaign.rebuild` makes the campaign anew. ``NAME.csv``: a row for each score (and
-        for each run without one); looks, events and files go to ``NAME.looks.csv`` and so on beside it.
+        for each run without one), units of factors and cost in its header, which `ingest` reads back; looks, events
+        and files go to ``NAME.looks.csv`` and so on beside it.
 
     Returns
     -------
@@ -59,8 +60,8 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     if target.suffix == ".json":
         texts = {target: _json_text(store, spec)}
     elif target.suffix == ".csv":
-        header, rows = run_rows(store.runs(), spec.region.names)
-        texts = {target: csv_text(header, rows)}
+        header, rows = run_rows(store.runs(), spec)
+        texts = {target: csv_text(_with_units(header, spec), rows)}
         for kind, made in KEPT.items():
             records = getattr(store, kind)()
             if kind == "rankings" and not records:
@@ -125,8 +126,9 @@ def attached(folder: Path, path: Path) -> dict[str, str | None]:
     }
 
 
-def run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[list[str], list[list[object]]]:
-    """Columns and rows: a row for each score, and for each run without one."""
+def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], list[list[object]]]:
+    """Columns and rows: a row for each score, and for each run without one; the block has its column's own name."""
+    factor_names, block = spec.region.names, spec.model.block
     score_names = [column.name for column in fields(ScoreRecord) if column.name != "run_id"]
     run_names = [
         column.name for column in fields(RunRecord) if column.name not in ("run_id", "proposed", "executed", "scores")
@@ -141,7 +143,18 @@ def run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[li
             row += [run.proposed.get(name) for name in factor_names]
             row += [getattr(run, name) for name in run_names]
             rows.append(row)
-    return ["run_id", *factor_names, *score_names, *proposed_names, *run_names], rows
+    header = ["run_id", *factor_names, *score_names, *proposed_names]
+    if block is not None and block not in (*header, *run_names):
+        run_names[run_names.index("block")] = block
+    return header + [f"run_{name}" if name in header else name for name in run_names], rows
+
+
+def _with_units(header: Sequence[str], spec: CampaignSpec) -> list[str]:
+    """A header with units, ``frequency [GHz]``, of factors and cost."""
+    units = dict.fromkeys(("cost", "run_cost"), spec.cost.unit)
+    for factor in spec.factors:
+        units |= {factor.name: factor.unit, f"proposed_{factor.name}": factor.unit}
+    return [f"{name} [{unit}]" if (unit := units.get(name, "")) else name for name in header]
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -200,8 +213,7 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     UserError
         The file exists, or cannot be written.
     """
-    units = {factor.name: f"{factor.name} [{factor.unit}]" for factor in spec.factors if factor.unit}
     header, rows = form_rows(spec, runs)
     if path.exists():
         raise UserError(Problem("the file exists already", "Name a new file.", file=str(path)))
-    put(path, csv_text([units.get(name, name) for name in header], rows).encode("utf-8"))
+    put(path, csv_text(_with_units(header, spec), rows).encode("utf-8"))

@@ -35,7 +35,9 @@ def suspects(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[
     """What looks wrong in a file of scores, alike rows together; ``known``: earlier scores of each application."""
     problems = [
         Problem(
-            f"the column is kept as your own, but its name resembles '{meant}'",
+            f"the column is kept as your own, but its name resembles '{meant}'"
+            if own != "block"
+            else f"the campaign takes blocks from the column '{meant}'",
             f"Name it '{meant}'.",
             file.name,
             None,

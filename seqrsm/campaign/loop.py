@@ -140,7 +140,7 @@ class _ClosedLoop:
             self.say(f"initial design of {len(runs)} runs")
             return None
         if self._too_few() and left > 0:
-            self.say("too few scores for a fit; continuing with the initial design")
+            self.say("the scores do not determine the model yet; adding the runs that it needs")
             with self._timed("propose"):
                 campaign.decide(budget=budget)
             return None

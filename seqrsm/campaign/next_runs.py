@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.runs import coded_settings, n_determined
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
@@ -66,7 +67,8 @@ def start_batch(
     from seqrsm.design.optimal import start_design
 
     n = start_size(model, spec)
-    fixed = spec.region.code([run.settings for run in made]) if made else np.empty((0, spec.region.k))
+    fixed = coded_settings(spec.region, made)
+    least = len(made) + max(1, model.p - n_determined(model, fixed))
     if failed:
         centre = spec.region.centre()
         proposals = propose_batch(
@@ -79,16 +81,18 @@ def start_batch(
                 barred=spec.region.code([run.proposed for run in failed]),
             ),
             Sought(centre, centre[None, :]),
-            max(n - len(made), 1),
+            max(n, least) - len(made),
             [(Spread, 1.0)],
             seed=batch_seed(spec.seed, len(made)),
         )
         points = np.array([proposal.point for proposal in proposals])
     elif made:
-        points = start_design(model, spec.region, max(n, len(made) + 1), seed=spec.seed, fixed=fixed)
+        points = start_design(model, spec.region, max(n, least), seed=spec.seed, fixed=fixed)
     else:
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
     why = f"initial design: {n} runs for a model of {model.p} terms"
+    if len(made) >= n:
+        why = f"the runs so far do not determine all {model.p} terms of the model"
     cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
 

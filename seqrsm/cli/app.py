@@ -6,6 +6,7 @@ Heavy libraries are imported inside the command that needs them, so that ``--hel
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 from functools import partial
@@ -81,6 +82,9 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     gc.set_threshold(50_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # an encoding such as Windows' for pipes lacks some of our signs
     stop_on_signals()
     try:
         try:

@@ -186,8 +186,9 @@ def at_end(call: Callable[[], None]) -> None:
 
 
 def print_json(document: Any) -> None:
-    """One JSON document on stdout and nothing else."""
-    sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    """One JSON document on stdout and nothing else; in ASCII where the encoding is not UTF-8."""
+    escaped = (sys.stdout.encoding or "").casefold().replace("-", "") != "utf8"
+    sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=escaped, allow_nan=False) + "\n")
 
 
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2003": "  "})

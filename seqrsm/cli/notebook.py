@@ -118,7 +118,7 @@ class Campaign:
         factors: Mapping[str, Any] | None = None,
         half_width: float | None = None,
         application: str | Mapping[str, Any] = "score",
-        constraints: Sequence[str] = (),
+        constraints: str | Sequence[str] = (),
         template: str | None = None,
         **tables: Mapping[str, Any],
     ) -> Self:
@@ -135,7 +135,7 @@ class Campaign:
             Target half-width of the interval at the optimum, in score units.
         application : str or Mapping
             A name, for measured scores to be maximized, or the keys of an ``[[application]]``.
-        constraints : sequence of str
+        constraints : str or sequence of str
             Such as ``"looks <= 4 * resolution"``.
         template : str
             An example to copy, instead of all other arguments; see ``seqrsm init --list``.
@@ -152,17 +152,19 @@ class Campaign:
             return cls(place)
         from seqrsm.spec.write import create_campaign, factor_tables
 
-        if not factors or half_width is None:
-            raise UserError(Problem("a campaign needs factors and half_width", "Give both, or a template."))
-        named = {"name": application, "utility": "measured"} if isinstance(application, str) else dict(application)
+        if not factors or not isinstance(factors, Mapping) or half_width is None:
+            remedy = "Give both, or a template."
+            raise UserError(Problem("a campaign needs factors, a mapping by name, and half_width", remedy))
+        named = {"name": application, "utility": "measured"} if isinstance(application, str) else application
         content: dict[str, Any] = {
-            "campaign": {"name": place.name} | dict(tables.pop("campaign", {})),
             "factor": factor_tables(factors),
-            "constraint": [{"expr": text} for text in constraints],
+            "constraint": [{"expr": text} for text in ([constraints] if isinstance(constraints, str) else constraints)],
             "application": [named],
-            "stop": {"half_width": float(half_width)} | dict(tables.pop("stop", {})),
             **tables,
         }
+        for name, key, value in (("campaign", "name", place.name), ("stop", "half_width", half_width)):
+            given = tables.get(name, {})
+            content[name] = {key: value, **given} if isinstance(given, Mapping) else given
         create_campaign(place, {name: table for name, table in content.items() if table != []})
         return cls(place)
 
@@ -180,14 +182,20 @@ class Campaign:
         return f"seqrsm.Campaign({str(self.folder)!r}): {len(self.opened.store.runs('scored'))} scored runs"
 
     def close(self) -> None:
-        """Close the database; the campaign cannot be used afterwards."""
+        """Close the database, which the next use of the campaign opens again."""
         self.opened.store.close()
 
     # -- the loop -------------------------------------------------------------------------------------------------
 
+    def void(self, run_id: int, why: str) -> None:
+        """Exclude a run from the fit for a reason; nothing is ever deleted."""
+        self.opened.store.void(run_id, why)
+
     @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
         """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
+        if n is not None and (isinstance(n, bool) or not hasattr(n, "__index__") or n < 1):
+            raise UserError(Problem("the number of runs is a whole number from 1", "Correct it.", value=n))
         if self.spec.simulator is None and source in ("simulation", "best"):
             raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
         return list(self.opened.propose(n, source=source, csv=csv))
@@ -260,20 +268,21 @@ class Campaign:
     # -- looking --------------------------------------------------------------------------------------------------
 
     @_one_thread
-    def fit(self, application: str | None = None, *, test: Sequence[str] = ()) -> Fit:
+    def fit(self, application: str | None = None, *, test: str | Sequence[str] = ()) -> Fit:
         """Model, analysis of variance, optimum, intervals, posterior, decision.
 
         Parameters
         ----------
         application : str, optional
             Which one, if there are several.
-        test : sequence of str
+        test : str or sequence of str
             Partial F tests, each of comma-separated factors, terms or groups.
         """
         from seqrsm.analysis.study import term_tests
 
         analyses = self.opened.analyse_all(application, sampler="emcee", thorough=True)
-        tests = [term_tests(analysis, test) for analysis in analyses]
+        wanted = [test] if isinstance(test, str) else test
+        tests = [term_tests(analysis, wanted) for analysis in analyses]
         return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
 
     @_one_thread
@@ -301,12 +310,12 @@ class Campaign:
         return Status(self.spec, campaign_status(self.folder, history=history))
 
     def runs(self) -> DataFrame:
-        """Every run and score, as ``seqrsm export`` writes them."""
+        """Every run and score, as ``seqrsm export`` writes them, without units in the names of the columns."""
         import pandas as pd
 
         from seqrsm.campaign.export import run_rows
 
-        header, rows = run_rows(self.opened.store.runs(), self.spec.region.names)
+        header, rows = run_rows(self.opened.store.runs(), self.spec)
         return pd.DataFrame(rows, columns=pd.Index(header))
 
     def image(

@@ -34,7 +34,7 @@ _LEVEL_TOLERANCE = 1e-6
 def _name_problems(name: object) -> list[Problem]:
     if not isinstance(name, str) or not _NAME.match(name) or len(name) > 64:
         text = "a factor's name is not usable in constraints and term names"
-        remedy = "Use 1 to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name."
+        remedy = "Use 1 to 64 letters a to z, digits and underscores, no digit first, one dot after a sensor's name."
         return [Problem(text, remedy, field="name", value=name)]
     if keyword.iskeyword(name) or name in FUNCTION_NAMES:
         return [Problem("a factor has a reserved name", "Choose another name.", field="name", value=name)]

@@ -1,4 +1,4 @@
-"""What is known of errors beside the common one: counts of decisions.
+"""What is known of errors beside the common one: counts of decisions, and percentages on the logit scale.
 
 A share of n decisions, each right with probability p, scatters with variance p (1 - p) / n; where decisions depend on
 each other (one field, one day) with a multiple of it, the dispersion, which the residuals tell (Wedderburn 1974,
@@ -11,8 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.fit.transforms import clip_percent, logit_scores, logit_to_percent, logit_variance
 
 _ROUNDS = 4
+_LEAST_REPEATS = 3
+"""Degrees of freedom of pure error from which it tells the scatter of scores; below, the residuals do."""
 
 
 def share_variance(percent: FloatArray, trials: FloatArray | float) -> FloatArray:
@@ -45,3 +48,48 @@ def expected_shares(Z: FloatArray, percent: FloatArray, trials: FloatArray) -> F
         root = 1.0 / np.sqrt(share_variance(expected, trials))
         expected = Z @ np.linalg.lstsq(Z * root[:, None], percent * root, rcond=None)[0]
     return expected
+
+
+def unbiased_logits(Z: FloatArray, percent: FloatArray, relative: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Logits (n,) of percentages that scatter alike in percent, and the score that the model expects of each run [%].
+
+    A logit bends, so scores about 95 % have a mean logit above that of 95 %; and if a run counted by its own score, one
+    near 100 would count for less than one as far below. Neither error shrinks with more runs. So logits are lowered by
+    the excess of their mean, and weights are to go by what is expected.
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Model matrix with blocks. With no more runs than terms the logits are as scored, and so is what is expected.
+    percent : ndarray (n,)
+        Scores [%].
+    relative : ndarray (n,)
+        Variance of each score relative to that of a typical one.
+    """
+    scored = logit_scores(percent)
+    values, expected = scored, clip_percent(percent)
+    if len(percent) <= Z.shape[1]:
+        return values, expected
+    for _ in range(2 * _ROUNDS):
+        root = 1.0 / np.sqrt(logit_variance(expected) * relative)
+        expected = clip_percent(logit_to_percent(Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]))
+        scatter = np.sqrt(_scatter(Z, percent, expected, relative) * relative)
+        values = scored - (_mean_logit(expected, scatter) - logit_scores(expected))
+    return values, expected
+
+
+def _scatter(Z: FloatArray, percent: FloatArray, expected: FloatArray, relative: FloatArray) -> float:
+    """Variance of a typical score, percent squared: of repeated runs where there are enough, else of residuals."""
+    _, group = np.unique(np.round(Z, 9), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    means = np.bincount(group, percent / relative) / np.bincount(group, 1.0 / relative)
+    repeats = len(percent) - len(means)
+    if repeats >= _LEAST_REPEATS:
+        return float(np.sum(np.square(percent - means[group]) / relative) / repeats)
+    return float(np.sum(np.square(percent - expected) / relative) / (len(percent) - Z.shape[1]))
+
+
+def _mean_logit(percent: FloatArray, scatter: FloatArray) -> FloatArray:
+    """Mean logit of scores that scatter normally about ``percent`` [%], cut at the ends as scores are."""
+    nodes, shares = np.polynomial.hermite_e.hermegauss(15)
+    return np.asarray(logit_scores(clip_percent(percent[:, None] + scatter[:, None] * nodes)) @ shares / shares.sum())

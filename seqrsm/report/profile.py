@@ -40,9 +40,10 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     starts = [int(np.argmin(np.abs(np.array(coded) - best.point[j]))) for j, coded in enumerate(levels)]
     points = np.array(list(itertools.product(*levels)))
     found, places = predict(analysis, points), max(score_decimals(analysis), 0)
-    bands = (found.confidence.low, found.confidence.high, found.prediction.low, found.prediction.high)
+    means = (found.mean, found.confidence.low, found.confidence.high)
+    future, to_score = (found.prediction.low, found.prediction.high), analysis.scale.to_score
     lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)
-    table = np.column_stack([analysis.scale.to_score(values) for values in (found.mean, *bands)])
+    table = np.column_stack([*map(to_score, means), *(to_score(values, 1.0) for values in future)])
     table -= [best.optimism, lower, upper, lower, upper]
     ends = (best.confidence.low, best.confidence.high, best.prediction.low, best.prediction.high)
     table[np.ravel_multi_index(starts, [len(coded) for coded in levels])] = (best.mean, *ends)  # as on the first page

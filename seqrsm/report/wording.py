@@ -37,8 +37,10 @@ def capital(text: str) -> str:
 
 
 def source_counts(runs: Iterable[RunRecord]) -> str:
-    """Return how many runs of each source there are: ``"65 simulated runs and 4 measured scores"``."""
-    counts = Counter(run.source for run in runs)
+    """Return how many runs or scores of each source there are: ``"65 simulated runs and 4 measured scores"``."""
+    counts: Counter[str] = Counter()
+    for run in runs:
+        counts[run.source] += 1 if run.source == "simulation" else len(run.scores)
     words = {"simulation": "simulated run", "flight": "measured score"}
     return listing([counted(count, words.get(source, f"{source} score")) for source, count in counts.items()])
 

@@ -88,7 +88,9 @@ class ScoresFile:
     near: tuple[tuple[str, str], ...] = ()
 
 
-def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> ScoresFile:
+def read_scores(
+    source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure], block: str = "block"
+) -> ScoresFile:
     """Read a file, or a table, of measured scores.
 
     Parameters
@@ -99,6 +101,8 @@ def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: 
         Every factor must have its column.
     measures : sequence of Measure
         The campaign's applications; with one, the column ``application`` may be absent.
+    block : str
+        Column that the campaign takes blocks from.
 
     Raises
     ------
@@ -108,7 +112,7 @@ def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: 
     reader = _Reader(source, factors, measures)
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near())
+    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block))
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:
@@ -141,11 +145,14 @@ class _Reader(CellReader):
                 hint = f"{percent}; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
-    def near(self) -> tuple[tuple[str, str], ...]:
+    def near(self, block: str) -> tuple[tuple[str, str], ...]:
         """Columns of the user's own that are nearly named as one that has a meaning and is not there."""
-        absent = [name for name in MEANT if name not in self.columns]
-        own = (name for name in self.columns if name not in OPTIONAL and all(f.name != name for f in self.factors))
-        return tuple((name, meant) for name in own if (meant := same_name(name, absent)))
+        absent = [name for name in dict.fromkeys((*MEANT, block)) if name not in self.columns]
+        own = (name for name in self.free_columns() if name != block)
+        found = [(name, meant) for name in own if (meant := same_name(name, absent))]
+        if block in absent and "block" in self.columns:
+            found.append(("block", block))
+        return tuple(found)
 
     # -- rows -----------------------------------------------------------------------------------------------------
 

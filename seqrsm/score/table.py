@@ -56,6 +56,9 @@ def table_text(source: TableSource) -> TableText:
     if isinstance(source, TableText):
         return source
     if not isinstance(source, (Path, str)):
+        if not hasattr(source, "to_numpy") or not hasattr(source, "columns"):
+            remedy = "Give a pandas DataFrame, or the name of a file."
+            raise ScoresFileError(Problem("this is no table", remedy, value=type(source).__name__))
         data = _csv_of(_rows_of(source))
         return TableText("DataFrame", hashlib.sha256(data).hexdigest(), data)
     path = Path(source)

@@ -14,7 +14,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.spec.faults import Reporter
-from seqrsm.spec.sensors import sensors
+from seqrsm.spec.sensors import RESERVED, sensors
 from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec
 from seqrsm.spec.toml_lines import Path
 
@@ -57,9 +57,14 @@ def desirabilities(kind: str, tables: Sequence[ApplicationSpec | ConsiderationSp
 
 
 def model(
-    table: ModelSpec, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter
+    table: ModelSpec,
+    applications: Sequence[ApplicationSpec | None],
+    names: Sequence[str],
+    *,
+    simulated: bool,
+    report: Reporter,
 ) -> None:
-    """Keys of ``[model]`` that exclude each other, or what the scores will be."""
+    """Keys of ``[model]`` that exclude each other, the factors' ``names``, or what the scores will be."""
     errors = ERROR_MODELS[table.errors]
     counted = (
         ("errors", table.errors, errors.of_counts, NORMAL.name, f"{errors.name} errors"),
@@ -81,6 +86,10 @@ def model(
         remedy = "Omit weights: the counts determine them."
         message = f"{errors.name} errors take their weights from the counts"
         report.add(("model", "weights"), message, remedy, table.weights)
+    other = {*names, *RESERVED} - {"block", "source", "date", "note"}
+    if table.block is not None and (not table.block.strip() or table.block in other):
+        message = "the column of blocks needs a name that means nothing else"
+        report.add(("model", "block"), message, 'Name a column of the scores files, such as "day".', table.block)
     if table.block_effect == "random" and table.block is None:
         report.add(("model", "block_effect"), "block_effect needs a block", 'Add block = "block".', "random")
     if table.block_effect == "random" and not errors.random_blocks:

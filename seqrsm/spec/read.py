@@ -27,7 +27,9 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``{ value, doubt }``, the doubt being a standard deviation as a fraction of half the (coded) range (0.5);
     ``effect``: a table of numeric factors and ``[least, most]``: bounds on the change of the mean score from the low to
     the high end of the factor's range, with the other factors at their centre (``-inf``, ``inf``: no bound; with
-    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` is required.
+    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` is required. The prior enters the
+    credible intervals of the optimal settings, the expected loss and the choice of runs; with normal errors the
+    recommended settings, the intervals of the score and the stop rule rest on the scores alone.
 ``[[consideration]]``
     Another objective of the compromise, such as cost, build time or risk: ``name``; ``expr``: its value as a function
     of the factors in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize");
@@ -332,7 +334,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     if len(known) == len(factors):
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
-        spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
+        spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)
     spec_sensors.candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.errors import SpecError
+from seqrsm.errors import Problem, SpecError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
 
@@ -69,10 +69,12 @@ def factor_tables(factors: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:
-    """TOML of tables, and lists of tables, of plain values."""
+    """TOML of tables, and lists of tables, of plain values; SpecError for what is no table."""
     parts = []
     for name, given in tables.items():
         for table in given if isinstance(given, list) else [given]:
+            if not isinstance(table, Mapping):
+                raise SpecError(Problem(f"[{name}] is a table", "Give a mapping of its keys.", value=table))
             head = f"[[{name}]]" if isinstance(given, list) else f"[{name}]"
             parts.append("\n".join([head, *_lines(table)]))
     return "\n\n".join(parts) + "\n"

@@ -203,3 +203,51 @@ def test_a_new_flight_day_is_tied_to_the_earlier_ones(tmp_path, effect) -> None:
         assert len(tied) == ties
         assert all((row["x0"], row["x1"]) in set().union(*flown[:day]) for row in tied)
     assert fitted(folder)["n_runs"] == 24
+
+
+KIND = '[[factor]]\nname = "kind"\nlevels = ["a", "b"]\n'
+
+
+def edited(folder: Path, old: str, new: str) -> None:
+    file = folder / "campaign.toml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_a_level_added_later_gets_the_runs_that_it_needs(tmp_path) -> None:
+    """No fit knows the new level; the next runs proposed are those that tell it, and the campaign goes on."""
+    folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 2)
+    edited(folder, '"b"]', '"b", "c"]')
+    assert "cannot separate" in call("fit", folder, code=2).output
+    (folder / "form0.csv").unlink()
+    assert [row["kind"] for row in fly(folder, bowl, 1)] == ["c"] * 3  # its constant and its two slopes
+    assert json.loads(call("fit", folder, "--json").stdout)["n_terms"] == 12
+    call("propose", folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('name = "x1"', 'name = "height"', "height: runs 1, 2, 3, 4, 5, 6, 7, 8, ...: a factor has no value"),
+        ('["a", "b"]', '["a", "d"]', "unknown level (got 'b')"),
+    ],
+)
+def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> None:
+    folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 1)
+    edited(folder, old, new)
+    for command in ("fit", "propose", "status"):
+        told = call(command, folder, code=2).output
+        assert says in told
+        assert "restore the name, or void these runs" in told
+        assert told.count("error:") == 1
+
+
+def test_a_renamed_application_is_told(tmp_path) -> None:
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 1)
+    edited(folder, 'name = "score"', 'name = "yield"')
+    told = call("fit", folder, code=2).output
+    assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in " ".join(told.split())

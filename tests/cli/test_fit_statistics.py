@@ -99,7 +99,9 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     theirs = sm.WLS([row["score"] for row in rows], matrix(rows), weights=1 / se**2).fit()
     np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
     np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
-    # A future run has the median standard error.
+    # A future run has the median standard error, and the reader is told so.
+    _, shown, _ = command("fit", folder)
+    assert f"weighted by 1/se\u00b2; a future run has the median se, {np.median(se):.3g}." in " ".join(shown.split())
     (analysis,) = Campaign.open(folder).analyse_all()
     row = np.asarray(matrix([found["departure"]["optimum_of_quadratic"]]))
     half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
@@ -140,12 +142,29 @@ def test_random_blocks(tmp_path: Path) -> None:
     best, half = found["optimum"], new["prediction"]["half_width"]
     assert best["prediction"]["half_width"] == pytest.approx(half + 0.5 * best["optimism"], rel=1e-9)
     assert fixed["optimum"]["prediction"]["half_width"] < new["prediction"]["half_width"]
+    # The mean of five runs on one new day is no better known than that day: the floor of its interval tells so.
+    with (tmp_path / "r" / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write('interval = "prediction_mean"\n')
+    of_mean = fit(tmp_path / "r")["stop"]["noise_floor"]
+    days_share, runs_share = float(np.squeeze(theirs.cov_re)), theirs.scale
+    expected = (days_share + runs_share / 5) / (days_share + runs_share)
+    assert (of_mean / found["stop"]["noise_floor"]) ** 2 == pytest.approx(expected, rel=0.1)
+    assert of_mean > 1.96 * np.sqrt(days_share)
+
+
+def test_days_of_one_run_each_are_told(tmp_path: Path) -> None:
+    rows = quadratic(12, block=[f"day{i}" for i in range(12)])
+    with pytest.raises(FitError, match=r"17 terms, 11 of them for blocks\. Blocks need several runs each"):
+        fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
 
 
 @pytest.mark.parametrize(
     ("model", "words"),
     [
         ('block_effect = "random"', "block_effect needs a block"),
+        ('block = ""', "needs a name that means nothing else"),
+        ('block = "x"', "needs a name that means nothing else"),
+        ('block = "score"', "needs a name that means nothing else"),
         ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
         ('errors = "beta_binomial"', "logit scale"),
         ('errors = "beta_binomial"\nresponse = "logit"\nweights = "counts"', "weights from the counts"),
@@ -236,6 +255,11 @@ def test_prior_in_natural_terms(tmp_path: Path) -> None:
     assert found["x"]["high"] - found["x"]["low"] < plain["x"]["high"] - plain["x"]["low"]
     assert found["x"]["mean"] > plain["x"]["mean"]  # drawn towards 9
     assert found["frequency"]["mean"] > plain["frequency"]["mean"] - 0.5
+    # What `fit` says of its reach: settings and intervals of the score are those without it.
+    _, shown, _ = command("fit", tmp_path / "k")
+    assert "the intervals of the score rest on the scores alone" in " ".join(shown.split())
+    best, departure = (fit(tmp_path / "k")[key] for key in ("optimum", "departure"))
+    assert best["settings"] == departure["optimum_of_quadratic"]
 
 
 @pytest.mark.parametrize(
@@ -558,6 +582,13 @@ def test_differences_between_blocks_have_the_unit_of_the_scores(tmp_path: Path) 
     assert re.search(r"Standard deviation of a run [\d.]+ percent, of the blocks [\d.]+ percent \(restricted", text)
 
 
-def test_the_runs_of_a_saturated_design_are_told_in_the_plural(tmp_path: Path) -> None:
-    _, text, _ = command("fit", make(tmp_path / "c", X, [{"x": x, "score": x * x} for x in (0.0, 4.0, 10.0)]))
-    assert "The model must pass through runs 1, 2, 3 (leverage 1): their scores cannot be checked." in text
+def test_runs_of_leverage_one_are_told_in_the_plural_where_there_are_others(tmp_path: Path) -> None:
+    def told(name: str, *places: float) -> str:
+        rows = [{"x": x, "score": x * x + i % 2} for i, x in enumerate(places)]
+        return command("fit", make(tmp_path / name, X, rows))[1]
+
+    text = told("c", 0.0, 0.0, 4.0, 10.0)
+    assert "The model must pass through runs 3, 4 (leverage 1): their scores cannot be checked." in text
+    text = told("saturated", 0.0, 4.0, 10.0)
+    assert "as many terms as runs" in text
+    assert "leverage 1" not in text

@@ -180,6 +180,26 @@ def test_held_back_with_what_may_have_been_meant(folder: Path, utility: str, con
     assert scored(folder) == content.count("\n") - 1
 
 
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [
+        ("Flight_Day", "Flight_Day: the column is kept as your own, but its name resembles 'flight day'"),
+        ("block", "block: the campaign takes blocks from the column 'flight day'. Name it 'flight day'."),
+    ],
+)
+def test_days_under_another_name_are_held_back(folder: Path, column: str, says: str) -> None:
+    """Without its day a run counts as of one more day."""
+    days = '[model]\nblock = "flight day"\n'
+    (folder / "campaign.toml").write_text(SPEC.format(utility=NUMBERS) + days, encoding="utf-8")
+    file = folder / "scores.csv"
+    for name, code in ((column, 2), ("flight day", 0)):
+        file.write_text(wide(name, "Monday"), encoding="utf-8")
+        done = CliRunner().invoke(app, ["ingest", str(folder), str(file)])
+        assert done.exit_code == code, done.output
+        assert (says in " ".join(done.output.split())) is (code == 2)
+    assert scored(folder) == len(GOOD)
+
+
 @pytest.mark.parametrize(("utility", "content", "says"), REFUSED)
 def test_refused_with_what_may_have_been_meant(folder: Path, utility: str, content: str, says: str) -> None:
     code, output = ingest(folder, utility, content, "--accept")

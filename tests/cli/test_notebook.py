@@ -169,6 +169,12 @@ def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> 
         ({"half_width": None}, "half_width"),
         ({"template": "flevoland"}, "template"),
         ({"application": {"name": "a", "utility": "percent"}}, "percent_correct"),
+        ({"factors": ["looks", "pol"]}, "mapping"),
+        ({"half_width": "three"}, "half_width"),
+        ({"application": None}, "application.*table"),
+        ({"model": 1}, "model.*table"),
+        ({"stop": 30}, "stop.*table"),
+        ({"constraints": "looks < 3 * pol"}, "pol"),
     ],
 )
 def test_what_cannot_be_leaves_no_folder(tmp_path: Path, more: dict, says: str) -> None:
@@ -177,6 +183,27 @@ def test_what_cannot_be_leaves_no_folder(tmp_path: Path, more: dict, says: str) 
         seqrsm.Campaign.create(tmp_path / "mine", **given)
     assert ".init" not in str(caught.value)
     assert not (tmp_path / "mine").exists()
+
+
+def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) -> None:
+    c = seqrsm.Campaign.create(
+        tmp_path / "m", factors={"x": (0, 9)}, half_width=1, model={"order": 1}, constraints="x < 8"
+    )
+    for n in (0, -1, 2.5, "3", True):
+        with pytest.raises(UserError, match="whole number"):
+            c.propose(n)  # type: ignore[arg-type]
+    for table in ({"x": [1], "score": [3]}, [1, 2], None):
+        with pytest.raises(UserError, match="DataFrame"):
+            c.ingest(table)  # type: ignore[arg-type]
+    assert c.runs().empty
+    plan = c.propose(np.int64(4))
+    c.ingest(plan.assign(score=plan["x"] * 2 + np.arange(len(plan)) % 3))
+    assert c.fit(test="x,first order").to_json()["tests"] == c.fit(test=["x,first order"]).to_json()["tests"]
+    c.void(1, "clouds")
+    assert c.runs().set_index("run_id").loc[1, ["state", "reason"]].tolist() == ["void", "clouds"]
+    with pytest.raises(UserError, match="no such run"):
+        c.void(99, "clouds")
+    assert {"Campaign", "Fit"} <= set(dir(seqrsm))
 
 
 def test_all_kinds_of_tables_are_written_as_they_were_meant(tmp_path: Path) -> None:

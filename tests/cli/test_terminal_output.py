@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import re
@@ -306,3 +307,15 @@ def test_status_tells_the_decision_of_the_report(tmp_path: Path) -> None:
         told, fitted = (CliRunner().invoke(app, [command, str(folder)]).stdout for command in ("status", "fit"))
         assert f"Decision: {says}\n" in told
         assert re.search(rf"Decision +{says}", fitted, re.IGNORECASE)
+
+
+def test_an_encoding_without_our_signs_loses_only_those(tmp_path: Path) -> None:
+    """As in a pipe on Windows: the square of R becomes a question mark, and JSON is whole."""
+    folder = make(tmp_path / "c", X, [{"x": row["x"], "score": row["score"]} for row in quadratic()])
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "seqrsm", "fit", str(folder)]
+    done = subprocess.run(command, env=environment, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"R? adjusted" in done.stdout
+    done = subprocess.run([*command, "--json"], env=environment, capture_output=True, check=False)
+    assert json.loads(done.stdout.decode("ascii"))["n_runs"] == 24

@@ -199,7 +199,7 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
         test = fit.partial_f(model.factor_terms(factor.name))
         importance.append(FactorImportance(factor.name, test.df, test.f, test.p))
     levels = tuple(int(best.point[i]) for i in region.categorical)
-    scale = ResponseScale.of("identity", y)
+    scale = ResponseScale.of("identity", y, fit.Z)
     data = ScoredRuns(
         run_ids=np.array([run.run_id for run in runs]),
         points=points,

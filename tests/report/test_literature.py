@@ -105,3 +105,10 @@ def test_no_entry_is_said(dossier):
     analysis = dataclasses.replace(dossier.analyses[0], application="xyzzy")
     section = literature_section(dataclasses.replace(dossier, spec=spec, analyses=(analysis,)))
     assert "no radar entry" in section.blocks[0].text
+
+
+def test_without_a_common_parameter_there_is_no_empty_table(dossier, monkeypatch):
+    monkeypatch.setattr("seqrsm.report.sections.literature.comparisons", lambda *_: [])
+    section = literature_section(dossier)
+    assert "cannot be compared" in section.blocks[0].text
+    assert len(section.blocks) == len(dossier.analyses)

@@ -10,6 +10,7 @@ from dataclasses import asdict
 import pytest
 
 from seqrsm.campaign.export import export
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.errors import StoreError, UserError
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewRun, NewScore
@@ -79,6 +80,36 @@ def test_csv_has_a_row_for_each_score(filled):
     assert len(rows(paths[2])) == len(store.events())
     assert len(rows(paths[1])) == 1
     assert paths[3].read_text().startswith("name,sha256")
+
+
+def test_csv_names_units_and_the_column_of_blocks(store, tmp_path):
+    """What comes out goes in again under the names that it had: an export is a scores file like any other."""
+    text = SPEC.replace("high = 1\n", 'high = 1\nunit = "K"\n') + '[model]\nblock = "day"\n[cost]\nunit = "kEUR"\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    spec = load_spec(tmp_path)
+    head = "x [K],kind,day,application,score\n"
+    (tmp_path / "s.csv").write_text(head + "0.5,plain,Mon,a,3\n-0.5,plain,Tue,a,4\n")
+    ingest_files(store, spec, [tmp_path / "s.csv"])
+    export(store, spec, tmp_path / "all.csv")
+    first, second = rows(tmp_path / "all.csv")
+    assert (first["x [K]"], first["proposed_x [K]"], first["cost [kEUR]"]) == ("0.5", "0.5", "1.0")
+    assert (first["day"], second["day"], "block" in first) == ("Mon", "Tue", False)
+    (report,) = ingest_files(store, spec, [tmp_path / "all.csv"])
+    assert (report.unchanged, report.messages) == ((1, 2), ())
+    lines = (tmp_path / "all.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "no ids.csv").write_text("\n".join(line.split(",", 1)[1] for line in lines))
+    (report,) = ingest_files(store, spec, [tmp_path / "no ids.csv"])
+    assert [row.run_id for row in report.equal] == [1, 2]
+
+
+def test_a_factor_named_as_a_column_of_runs_keeps_its_name(store, tmp_path):
+    (tmp_path / "campaign.toml").write_text(SPEC.replace('"x"', '"cost"'))
+    spec = load_spec(tmp_path)
+    store.add_batch([NewRun({"cost": 0.5, "kind": "plain"}, cost=3.0)])
+    export(store, spec, tmp_path / "all.csv")
+    header = (tmp_path / "all.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert len(set(header)) == len(header)
+    assert [rows(tmp_path / "all.csv")[0][name] for name in ("cost", "run_cost")] == ["0.5", "3.0"]
 
 
 def test_no_cell_is_a_formula(filled):

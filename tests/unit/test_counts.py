@@ -98,3 +98,39 @@ def test_what_are_no_counts_is_refused():
     for correct, trials in (([5], [5]), ([6, 1], [5, 5]), ([-1, 1], [5, 5]), ([0, 0], [0, 0])):
         with pytest.raises(FitError, match="not counts of confirmation runs"):
             counted_confirmation(correct, trials)
+
+
+def test_a_future_share_of_few_decisions_is_foretold_as_it_is_scored():
+    """Ten of ten: the ends of an interval on the logit scale stand for shares that have these empirical logits."""
+    trials, correct = np.full(6, 10.0), np.array([10.0, 9, 10, 8, 7, 10])
+    scale = ResponseScale.of_counts("logit", 10.0 * correct, trials, np.full(6, 90.0))
+    np.testing.assert_allclose(scale.to_score(scale.values, 1.0), 10.0 * correct, rtol=1e-12)
+    five = np.log((45.5) / (50 - 45 + 0.5))  # 45 of the 50 decisions of five runs
+    assert scale.to_score(np.array([five]), 5.0)[0] == pytest.approx(90.0, rel=1e-12)
+    assert scale.to_score(np.array([9.0]), 1.0)[0] == 100.0
+    assert scale.to_score(np.array([0.0]))[0] == 50.0
+    together = scale.centred(10.0 * correct, trials)
+    assert np.mean(together) == pytest.approx(np.log(54.5 / 6.5), rel=1e-12)
+    np.testing.assert_allclose(together - together[0], scale.values - scale.values[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("trials", [10, 20])
+def test_future_shares_of_few_decisions_are_covered(trials):
+    """Of runs with 95 % at their best: the plain logistic end leaves out the most probable score, all correct."""
+    rng, covered = np.random.default_rng(trials), []
+    x = np.tile(np.linspace(-1.0, 1.0, 5), 8)
+    Z, n = np.column_stack([np.ones(40), x, x**2]), np.full(40, float(trials))
+    p = 1.0 / (1.0 + np.exp(-(Z @ [2.9, 0.2, -1.5])))
+    for _ in range(60):
+        percent = 100.0 * rng.binomial(trials, p) / trials
+        scale = ResponseScale.of_counts("logit", percent, n, expected_shares(Z, percent, n))
+        fit = fit_least_squares(Z, scale.values, ["1", "x", "x^2"], weights=scale.weights)
+        at = np.array([[1.0, 0.0, 0.0]])
+        ends = fit.predict(at, weight=float(scale.weight_at(at @ fit.estimate)[0])).prediction
+        future = 100.0 * rng.binomial(trials, p[2], 300) / trials
+        for runs in (1.0, np.inf):
+            one = scale.in_scores(float(ends.low[0]), float(ends.high[0]), runs)
+            covered.append(np.mean((future >= one.low) & (future <= one.high)))
+    ours, plain = np.mean(np.reshape(covered, (-1, 2)), axis=0)
+    assert ours > 0.93
+    assert plain < 0.8

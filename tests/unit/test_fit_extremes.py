@@ -51,7 +51,7 @@ def test_scores_that_do_not_vary_refuse_what_needs_scatter() -> None:
 def test_percent_scores_of_nothing_and_everything() -> None:
     model, _, points, _ = scattered(1, 9)
     percent = np.array([0.0, 0, 0, 50, 50, 50, 100, 100, 100])[np.argsort(np.argsort(points[:, 0]))]
-    scale = ResponseScale.of("logit", percent)
+    scale = ResponseScale.of("logit", percent, model.matrix(points))
     fit = fit_least_squares(model.matrix(points), scale.values, model.terms, weights=scale.weights)
     ends = logit_to_percent(fit.predict(model.matrix(np.array([[-1.0], [1.0]]))).prediction.low)
     assert np.all((ends > 0) & (ends < 100))

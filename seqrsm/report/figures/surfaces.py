@@ -149,7 +149,8 @@ def _line(
     """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
     shown, to_score = predict(analysis, points), analysis.scale.to_score
     confidence, prediction = (
-        Interval(to_score(one.low), to_score(one.high)) for one in (shown.confidence, shown.prediction)
+        Interval(to_score(one.low, runs), to_score(one.high, runs))
+        for one, runs in ((shown.confidence, np.inf), (shown.prediction, 1.0))
     )
     allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
     return Line(index, natural, to_score(shown.mean), confidence, prediction, allowed, run_x, run_score)

@@ -272,7 +272,7 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
     )
     columns = ("Parameter", "Literature", "Most sources", "This campaign", "Agreement", "Tables")
     caption = f"{analysis.application}: recommended settings (with credible interval or levels) and the literature"
-    return [Paragraph(text + _agreement(compared)), table(caption, columns, rows)]
+    return [Paragraph(text + _agreement(compared)), *([table(caption, columns, rows)] if compared else [])]
 
 
 def _agreement(compared: Sequence[Comparison]) -> str:

@@ -38,6 +38,7 @@ from seqrsm.report.rounding import (
     format_number,
     format_p,
     format_percent,
+    format_plain,
     format_significant,
 )
 from seqrsm.report.wording import (
@@ -85,7 +86,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
     if analysis.sources is not None:
         blocks.append(Paragraph(readable_text(analysis.sources.text, analysis.region.names)))
     blocks += [
-        Paragraph("", method=_model_text(analysis)),
+        Paragraph(_weights_text(analysis), method=_model_text(analysis)),
         MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
         _statistics_table(analysis),
     ]
@@ -113,6 +114,23 @@ def _model_text(analysis: Analysis) -> str:
     if analysis.scale.kind == "logit":
         text += " The model is fitted to the logit of the score; coefficients and sums of squares are on that scale."
     return text
+
+
+def _weights_text(analysis: Analysis) -> str:
+    """How the runs count, and what is taken of a future run, where they do not count alike; else empty."""
+    scale, trials = analysis.scale, analysis.data.trials
+    if trials is not None and analysis.fitted.surface.errors.of_counts:
+        usual = str(round(float(np.median(trials))))
+        found = f"Intervals are those of counts; a future run has n = {usual}, the median."
+    elif math.isfinite(scale.trials):
+        usual = format_plain(scale.trials)
+        found = f"Runs are weighted by their binomial variance; a future run has n = {usual}, the median."
+    elif math.isfinite(scale.se):
+        usual = with_unit(format_significant(scale.se, 3), analysis.score_unit)
+        found = f"Runs are weighted by 1/se\u00b2; a future run has the median se, {usual}."
+    else:
+        found = "All scores are taken to scatter alike in percent." if scale.kind == "logit" else ""
+    return f"{found} " if found else ""
 
 
 def _unit(analysis: Analysis) -> str:
@@ -364,11 +382,11 @@ def _by_block(analysis: Analysis) -> list[Block]:
     if found is None:
         return []
     blocks: list[Block] = [Paragraph(_block_text(found, _unit(analysis)))]
-    if isinstance(found.new, BlockResponse):
+    if isinstance(found.new, BlockResponse) and found.effect == "fixed":  # else the summary's interval is that
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
         columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
-        title = "The recommended settings in a new block"
+        title = "The recommended settings in a new block, by the quadratic, not corrected for selection bias"
         blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
     return [Details("Differences between blocks", tuple(blocks))]
 

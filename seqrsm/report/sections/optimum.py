@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, STATED
 from seqrsm.analysis.ground import LEVEL_WORLDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
@@ -127,6 +127,8 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     if math.isfinite(floor) and floor > 0.0:
         counted = analysis.fitted.ground_share > 0.0 and stop.worlds == "count"
         cause = "Table uncertainty and run-to-run scatter give" if counted else "Run-to-run scatter alone gives"
+        if analysis.fitted.surface.common_share and stop.interval != "confidence":
+            cause = "Scatter of runs and of blocks gives"
         text = f"{cause} the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
     blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
@@ -193,6 +195,11 @@ def _departure(analysis: Analysis) -> list[Block]:
     found = analysis.fitted.departure
     if found.process is None:
         text = f"Settings and intervals are the quadratic's; no alternative surface was considered: {found.reason}."
+        if found.reason == STATED and analysis.fitted.surface.errors.exact:
+            text += (
+                " The prior enters the credible intervals of the optimal settings, the expected loss and the choice of "
+                "runs; the recommended settings and the intervals of the score rest on the scores alone."
+            )
         return [Paragraph(text)]
     two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
     of_sources = "" if analysis.sources is None else two

@@ -300,6 +300,7 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
     text, cost = f"{capital(source_counts(scored))}.", spec.cost
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
         spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
-        each = f"a simulation {format_plain(cost.simulation)}, a flight {format_plain(cost.flight)}"
+        sources = sorted({run.source for run in scored}, reverse=True)
+        each = ", ".join(f"a {source} {format_plain(cost.of(source))}" for source in sources)
         text += f" They cost {spent} ({each})."
     return (Paragraph(text),)
