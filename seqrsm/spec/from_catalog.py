@@ -52,12 +52,10 @@ _DEFAULTS = {
     "psm": {
         "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table covers 1.25 to 10.8 GHz"),
         "resolution": _Default(6.0, 60.0, RESOLUTION_M, "the scene has cells of 5 m and fields of some 150 m"),
-        "depression_angle": _Default(
-            30.0, 60.0, DEPRESSION_DEG, "closer to nadir than 85 deg no aircraft swath covers the scene"
-        ),
+        "depression_angle": _Default(30.0, 60.0, DEPRESSION_DEG, ""),
     },
     "prm": {
-        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "above 36 GHz the tables are less reliable"),
+        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "the tables are reliable from 1 to 36 GHz"),
         "resolution": _Default(50.0, 250.0, (30.0, 500.0), "the scene is four kilometres wide, with cells of 10 m"),
     },
 }
@@ -156,6 +154,11 @@ class Site:
     cell_m: float
     range_m: float
 
+    @property
+    def altitude_m(self) -> float:
+        """From where a radiometer sees the edges at the angle of the template's [m], within what aircraft fly."""
+        return min(max(float(f"{1500.0 * self.range_m / _TEMPLATE.range_m:.2g}"), 1500.0), _ALTITUDES_M[-1])
+
     def resolution(self, usual: _Default, engine: str) -> _Default:
         """Range and limits of the resolution over it: three cells or more of a radiometer's footprint."""
         if engine == "psm":
@@ -206,11 +209,12 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
     limits = dict(_DEFAULTS[engine] if engine else _MEASURED)
     if site is not None and engine:
         limits["resolution"] = site.resolution(limits["resolution"], engine)
-    half_scene_m = 0.53 * (site or _TEMPLATE).range_m  # with room at its ends
+    over = site or _TEMPLATE
+    half_scene_m = 0.53 * over.range_m  # with room at its ends
     if engine == "psm":
         usual, steepest = limits["depression_angle"], math.degrees(math.atan(_ALTITUDES_M[-1] / half_scene_m))
         nadir = min(usual.limits[1], float(math.floor(steepest)))
-        why = usual.why.replace("85", f"{nadir:.0f}")
+        why = f"an aircraft sees the scene at {usual.limits[0]:.0f} to {nadir:.0f} deg"
         limits["depression_angle"] = replace(
             usual, high=min(usual.high, nadir), limits=(usual.limits[0], nadir), why=why
         )
@@ -238,7 +242,7 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
         *(_application_text(one, engine, by_name) for one in wanted),
-        *_simulator_text(engine, chosen, by_name, levels, half_scene_m, "" if site else _TEMPLATE_SITE),
+        *_simulator_text(engine, chosen, by_name, levels, over, half_scene_m),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
         f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
@@ -272,19 +276,20 @@ def _simulator_text(
     chosen: list[_Chosen],
     by_name: Mapping[str, _Chosen],
     levels: tuple[str, ...],
+    site: Site,
     half_scene_m: float,
-    site: str,
 ) -> list[str]:
     """The tables of the simulator; none for measured scores."""
     if not engine:
         return []
-    parts = [f'{site}[simulator]\nengine = "{engine}"\nscene = "scene.npz"']
+    shown = _TEMPLATE_SITE if site is _TEMPLATE else ""
+    parts = [f'{shown}[simulator]\nengine = "{engine}"\nscene = "scene.npz"']
     if engine == "prm":
         parts.append(
             "# An aircraft's scanner, both polarizations.\n[simulator.fixed]\n"
             'polarization = "H+V"\nbandwidth = 25.0              # MHz\nnoise_temperature = 500.0     # K\n'
             "integration_time = 5.0        # ms\nscan_period = 1.0             # s, there and back\n"
-            "altitude_m = 1500.0\nspeed_m_s = 60.0"
+            f"altitude_m = {site.altitude_m}\nspeed_m_s = 60.0"
         )
         return [*parts, *_fixed_text(chosen, ("H+V", ""))]
     altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"], half_scene_m)
