@@ -336,6 +336,7 @@ def compromise(
                 f"optimum, {given_up:.3g}{suffix} given up{between}.",
             )
         )
+    means = np.clip(means, *np.array([objective.limits for objective in objectives]).T)
     front = np.flatnonzero(pareto_front(means, [objective.goal for objective in objectives]))
     front = front[np.argsort(means[front, 0], kind="stable")]
     front = front[np.unique(np.linspace(0, len(front) - 1, min(_FRONT, len(front))).astype(np.int64))]
