@@ -20,6 +20,7 @@ from seqrsm.catalog.start import Measure, StartLevels, StartRange, StartRanges, 
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.file import load_scene
+from seqrsm.scene.layers import known_heights
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
@@ -149,15 +150,22 @@ def engine_for(wanted: Sequence[Wanted]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A scene of the user's own: cells a side [m], and its extent in range [m]."""
+    """A scene of the user's own: cells a side [m], its extent in range [m], and its mean and highest elevation [m]."""
 
     cell_m: float
     range_m: float
+    ground_m: float = 0.0
+    highest_m: float = 0.0
 
     @property
     def altitude_m(self) -> float:
         """From where a radiometer sees the edges at the angle of the template's [m], within what aircraft fly."""
-        return min(max(float(f"{1500.0 * self.range_m / _TEMPLATE.range_m:.2g}"), 1500.0), _ALTITUDES_M[-1])
+        return self.above(min(max(1500.0 * self.range_m / _TEMPLATE.range_m, 1500.0), _ALTITUDES_M[-1]))
+
+    def above(self, height_m: float) -> float:
+        """Altitude of a flight line so high above the mean ground, and above all of it [m]."""
+        lowest = max(height_m + self.ground_m, self.highest_m + 300.0)
+        return 100.0 * math.ceil(lowest / 100.0 - 1e-9)
 
     def resolution(self, usual: _Default, engine: str) -> _Default:
         """Range and limits of the resolution over it: three cells or more of a radiometer's footprint."""
@@ -188,7 +196,8 @@ def _site(path: Path, wanted: Sequence[Wanted]) -> Site:
             remedy = f"The scene has {', '.join(known)}."
             message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
             raise UserError(Problem(message, remedy, file=str(path)))
-    return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m)
+    _, mean_m, highest_m = known_heights(scene)
+    return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m, mean_m, highest_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +304,8 @@ def _simulator_text(
     altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"], half_scene_m)
     parts.append(
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
-        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}"
+        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\n"
+        f"altitude_m = {site.above(altitude)}"
     )
     return [*parts, *_fixed_text(chosen, levels)]
 
