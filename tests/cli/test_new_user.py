@@ -148,7 +148,7 @@ def test_image_says_what_is_wrong_with_a_setting(tiny, tmp_path) -> None:
 
     assert "--set resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
     assert "Give 10 to 60 m" in told("resolution=2000")
-    assert "--set resolution: a value is not finite" in told("resolution=wide")
+    assert "--set resolution: not a finite number" in told("resolution=wide")
     plain = (tiny / "campaign.toml").read_text(encoding="utf-8")
     dates = '[[factor]]\nname = "interval_days"\nvalues = [1, 3, 6]\n[[application]]'
     (tiny / "campaign.toml").write_text(plain.replace("[[application]]", dates, 1), encoding="utf-8")
