@@ -9,6 +9,7 @@ surface give the posterior of the compromise and of what each application loses.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -59,6 +60,8 @@ class Objective:
     unit : str
     application : bool
         False for a consideration.
+    limits : tuple of float
+        Least and largest value that there can be.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Objective:
     ideal: float | None = None
     unit: str = ""
     application: bool = True
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +185,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
     scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
-    draws = analysis.posterior.term_draws
+    draws, limits = analysis.posterior.term_draws, table.score_limits
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
     surfaces = []
     if departure.believed is not None:
@@ -191,7 +195,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
 
     def drawn(points: FloatArray) -> FloatArray:
         of_process = [surface(points) for surface in surfaces]
-        return scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process]))
+        return np.clip(scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process])), *limits)
 
     return Objective(
         table.name,
@@ -202,6 +206,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         table.unacceptable,
         table.ideal,
         analysis.score_unit,
+        limits=limits,
     )
 
 
@@ -307,7 +312,8 @@ def compromise(
     here = at(point[None, :])[0]
     rows = []
     for i, (objective, own, (worst, best)) in enumerate(zip(objectives, own_points, limits, strict=True)):
-        value, own_best = float(here[i]), float(objective.mean(own[None, :])[0])
+        found = np.clip([here[i], objective.mean(own[None, :])[0]], *objective.limits)
+        value, own_best = float(found[0]), float(found[1])
         given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
         if i in losses_of_draws:
             low, high = (float(x) for x in np.quantile(losses_of_draws[i], tail))
@@ -330,6 +336,7 @@ def compromise(
                 f"optimum, {given_up:.3g}{suffix} given up{between}.",
             )
         )
+    means = np.clip(means, *np.array([objective.limits for objective in objectives]).T)
     front = np.flatnonzero(pareto_front(means, [objective.goal for objective in objectives]))
     front = front[np.argsort(means[front, 0], kind="stable")]
     front = front[np.unique(np.linspace(0, len(front) - 1, min(_FRONT, len(front))).astype(np.int64))]

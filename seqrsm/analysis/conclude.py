@@ -113,7 +113,7 @@ def analyse(
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
         of_quadratic=of_quadratic,
-        optimum=_within_percent(estimate) if application.is_percent else estimate,
+        optimum=_possible(estimate, *application.score_limits),
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
@@ -177,16 +177,16 @@ def _estimate(
     )
 
 
-def _within_percent(estimate: OptimumEstimate) -> OptimumEstimate:
-    """Nothing above 100 or below 0 is promised; what the rule watches is not shortened by that."""
+def _possible(estimate: OptimumEstimate, low: float, high: float) -> OptimumEstimate:
+    """No score that there cannot be is promised; what the rule watches is not shortened by that."""
     return replace(
         estimate,
-        mean=min(max(estimate.mean, 0.0), 100.0),
-        confidence=estimate.confidence.within(0.0, 100.0),
-        prediction=estimate.prediction.within(0.0, 100.0),
-        prediction_mean=estimate.prediction_mean.within(0.0, 100.0),
-        whole=estimate.whole.within(0.0, 100.0),
-        by_chance=estimate.by_chance.within(0.0, 100.0),
+        mean=min(max(estimate.mean, low), high),
+        confidence=estimate.confidence.within(low, high),
+        prediction=estimate.prediction.within(low, high),
+        prediction_mean=estimate.prediction_mean.within(low, high),
+        whole=estimate.whole.within(low, high),
+        by_chance=estimate.by_chance.within(low, high),
     )
 
 
@@ -295,20 +295,21 @@ def _confirmation(
         df=surface.df_residual,
         unit=application.score_unit,
     )
-    expected = scale.in_scores(wide.low, wide.high, len(scores))
-    verdict, half = "in line with" if agreement.agrees else "contradicting", 0.5 * (interval.high - interval.low)
+    of_mean = Interval(interval.low, interval.high).within(*application.score_limits)
+    expected = scale.in_scores(wide.low, wide.high, len(scores)).within(*application.score_limits)
+    verdict, half = "in line with" if agreement.agrees else "contradicting", of_mean.half_width
     measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
     text = (
         f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
-        f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}), "
-        f"{verdict} the model's prediction interval for their mean, {known(expected.low, half)} to "
-        f"{known(expected.high, half)} (p = {agreement.p:.2g})."
+        f"({100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}), "
+        f"{verdict} the model's prediction interval for their mean, {known(expected.low, expected.half_width)} to "
+        f"{known(expected.high, expected.half_width)} (p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),
         scores=tuple(float(score) for score in scores),
         mean=interval.mean,
-        interval=Interval(interval.low, interval.high),
+        interval=of_mean,
         agrees=agreement.agrees,
         text=text,
     )

@@ -126,7 +126,7 @@ def summarise_posterior(
     if of_process:
         own = belief.optima(estimate.point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
         points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
-    low, high = (0.0, 100.0) if fitted.application.is_percent else (-np.inf, np.inf)
+    low, high = fitted.application.score_limits
     best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
     regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
     epsilon = 0.25 * spec.stop.half_width

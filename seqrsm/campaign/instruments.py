@@ -146,19 +146,23 @@ def cells_of(spec: CampaignSpec, sensor: NamedSensor, base: Sensor) -> list[floa
 
 
 def mixtures(base: Instrument, other: Instrument) -> Iterator[tuple[str, Instrument]]:
-    """``base`` with one property of ``other``, for each in which they differ and that can be built."""
-    sensor, days = other.sensors[0], other.days[0]
+    """``base`` with one property of ``other``, for each in which they differ and that can be built.
+
+    Sets of equally many are taken member by member; else all of ``base`` take the property of the first of ``other``.
+    """
+    sensor, days, alike = other.sensors[0], other.days[0], len(other.sensors) == len(base.sensors)
+    theirs = other.sensors if alike else (sensor,) * len(base.sensors)
     for name in PROPERTIES:
         if name == "angle" and not isinstance(sensor, RadarConfiguration):
             continue  # an orbit's speed would smear what the campaign's scan does not
         try:
             sensors = tuple(
-                exchanged(one, sensor, (name,)) if type(one) is type(sensor) else one  # type: ignore[type-var]
-                for one in base.sensors
+                exchanged(one, own, (name,)) if type(one) is type(own) else one  # type: ignore[type-var]
+                for one, own in zip(base.sensors, theirs, strict=True)
             )
         except ConfigurationError:
             continue
-        if name == "frequency" and len(sensors) > 1:
+        if name == "frequency" and not alike:
             sensors = sensors[:1]  # one band in place of a set
         mixed = Instrument(sensors, base.days[: len(sensors)])
         if _facts(mixed) != _facts(base):

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from seqrsm.analysis.conclude import analyse, stop_rule
 from seqrsm.analysis.ground import Ground
@@ -163,14 +164,17 @@ def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunReco
 
 def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> dict[str, float]:
     """How one campaign on one truth ends: whether it stops, runs, loss, and by interval the share that it covers."""
-    name = spec.applications[0].name
+    name, limits, unlimited = spec.applications[0].name, spec.applications[0].score_limits, known.scale.to_score
+
+    def to_score(values: FloatArray) -> FloatArray:
+        return np.clip(unlimited(values), *limits)
 
     def score(points: FloatArray) -> list[NewScore]:
         values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
-        return [NewScore(name, float(one)) for one in known.scale.to_score(values)]
+        return [NewScore(name, float(one)) for one in to_score(values)]
 
     analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
-    best, to_score = analysis.optimum, analysis.scale.to_score
+    best = analysis.optimum
     at = best.point[None, :]
     mean, sd = truth.mean(at), truth.sd(at)
     future = to_score(mean + sd * rng.standard_normal((400, 1)))
@@ -178,13 +182,15 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
     share = analysis.fitted.ground_share
     ground, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
     several = np.mean(to_score(mean + sd * (np.sqrt(share) * ground + np.sqrt(1.0 - share) * chance)), axis=1)
-    true = to_score(mean)
+    # What the ends of the scale keep from the scatter moves the mean.
+    scattered = unlimited(mean + sd * ndtri((np.arange(400) + 0.5) / 400.0))
+    true = unlimited(mean) + np.mean(np.clip(scattered, *limits) - scattered)
     covered = {
         "confidence": _share(true, best.confidence),
         "prediction": _share(future, best.prediction),
         "prediction_mean": _share(several, best.prediction_mean),
     }
-    loss = abs(float(to_score(np.array([truth.best]))[0]) - float(true[0]))
+    loss = abs(float(to_score(np.array([truth.best]))[0]) - float(to_score(mean)[0]))
     return {
         **covered,
         "rule": covered[spec.stop.interval],

@@ -21,9 +21,10 @@ from seqrsm.own_code import file_of, located
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
 from seqrsm.scattering.worlds import OneAway, World
 from seqrsm.scene.file import load_scene
-from seqrsm.scene.layers import cells_in_one, coarse_scene
+from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
+from seqrsm.score.evidence import TILE_M
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.radar import RadarConfiguration
@@ -375,10 +376,12 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
         raise SpecError(Problem("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path)))
-    if spec.simulator.known_map and not any(utility_of(one.utility).classifies for one in spec.applications):
+    classifies = any(utility_of(one.utility).classifies for one in spec.applications)
+    if spec.simulator.known_map and not classifies:
         text = "no utility of this campaign classifies covers, so a map has no effect"
         remedy = "Remove known_map, or add an [[application]] that classifies."
         raise SpecError(Problem(text, remedy, str(spec.folder / SPEC_NAME), field="[simulator] known_map"))
+    lone = _covers_of_one_field(spec, scene) if classifies else ()
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     if centre.known_map:
         loaded(load_known_map, centre.known_map, scene.categories)
@@ -388,7 +391,26 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         raise SpecError(
             Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
         )
-    return combinations
+    return (*combinations, *lone)
+
+
+def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
+    """What is to be said of covers that no other field can teach; refuses a scene with nothing to tell apart."""
+    fields, cells = np.unique(scene.field_id[scene.scored], return_counts=True)
+    cover_of, area_m2 = categories_of_fields(scene)[fields], cells * scene.cell_m**2
+    covers, n_fields = np.unique(cover_of, return_counts=True)
+    if len(covers) == 1:
+        text = f"all scored ground is {scene.categories[covers[0]]}: there is nothing to tell apart"
+        remedy = "Use a scene with at least two covers, or a utility that needs one, such as soil_moisture_error."
+        raise SpecError(Problem(text, remedy, file=str(spec.scene_path)))
+    # A field larger than a tile is divided by the tiles.
+    small = [(k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1]]
+    return tuple(
+        f"{scene.categories[k]} is one field of {area / 1e4:.3g} ha, not taught where it is tested: "
+        "it is wrong at every setting. Give its code another cover, or none, in the legend"
+        for k, area in small
+        if area <= TILE_M**2
+    )
 
 
 def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:

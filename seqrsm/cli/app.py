@@ -225,7 +225,7 @@ def check(
         if result.target_problem:
             line(f"Warning: {result.target_problem}")
         else:
-            line("See the notes on parts of the region." if result.combinations else "No problems found.")
+            line("See the notes on the region and the scene." if result.combinations else "No problems found.")
 
 
 @app.command()

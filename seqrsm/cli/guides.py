@@ -55,7 +55,7 @@ def show(topic: Topic) -> None:
 
 
 def about(words: str) -> list[Topic]:
-    """Topics whose title holds the words, else those whose text does.
+    """Topics whose title holds the words, with all under them, else those whose text does.
 
     Raises
     ------
@@ -63,7 +63,14 @@ def about(words: str) -> list[Topic]:
         There is none.
     """
     wanted, known = words.casefold(), topics()
-    found = [one for one in known if wanted in one.title.casefold()]
+    found, under = [], 9
+    for one in known:
+        if wanted in one.title.casefold():
+            under = min(under, one.level)
+        elif one.level <= under:
+            under = 9
+        if under < 9:
+            found.append(one)
     found = found or [one for one in known if wanted in one.text.casefold()]
     if not found:
         raise UserError(Problem("no guide covers this topic", "seqrsm help lists the topics.", value=words))

@@ -70,7 +70,9 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     show_sections([named(section, analysis) for section, analysis in measure if section is not None])
     line()
     if not outcome.held:
-        line("The budget was spent before the stop rule was met.")
+        budget = spec.stop.max_runs
+        part = f", {outcome.n_scored} of the campaign's {budget} runs," if outcome.n_scored < budget else ""
+        line(f"The budget{part} was spent before the stop rule was met.")
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
     line(f"{outcome.n_scored} runs scored in total; time: {split}")
 

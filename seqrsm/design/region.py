@@ -411,7 +411,7 @@ def _number(factor: Factor, setting: Mapping[str, float | str]) -> float | Probl
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        return Problem("a value is not finite", "Give a number.", field=factor.name, value=value)
+        return Problem("not a finite number", "Give a number.", field=factor.name, value=value)
     if factor.scale == "log" and number <= 0.0:
         return Problem(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=factor.name, value=number)
     return number

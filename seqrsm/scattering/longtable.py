@@ -98,10 +98,14 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
     Raises
     ------
     ScatteringDataError
-        Every wrong row, with its line and column; and nodes that are missing or given twice.
+        Every wrong row, with its line and column; nodes that are missing or given twice; a table all above 0 dB.
     """
     problems: list[Problem] = []
     nodes = read_nodes(path, "sigma0")
+    if all(node.value > 0.0 and node.row.text("unit") == "dB" for node in nodes):
+        remedy = 'Give linear numbers the unit "1", and decibels their sign'
+        text = "every value is above 0 dB, as on no natural ground"
+        raise ScatteringDataError(Problem(text, remedy, str(path), field="value"))
     groups: dict[tuple[str, str], list[Node]] = defaultdict(list)
     for node in nodes:
         groups[node.category, node.season].append(node)

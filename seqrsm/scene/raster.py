@@ -13,10 +13,11 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.plain import counted
 from seqrsm.scene.fields import connected_patches, cut_patches
 from seqrsm.scene.file import save_scene
 from seqrsm.scene.geotiff import Raster, read_geotiff
-from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene
+from seqrsm.scene.scene import HIGHEST_M, MAX_CELLS, NO_COVER, Scene
 from seqrsm.scene.vector import burn_layer, is_vector
 
 _ROWS_AT_ONCE = 256
@@ -167,6 +168,10 @@ def _scene(given: Mapping[str, str | Path], height: Raster, **layers: Any) -> Sc
             if layer == "elevation":
                 wild = _wildest(height)
                 remedy = f"Set the no-data value in the file, for instance: gdal_edit.py -a_nodata {wild:g} {file}"
+                # A value that stands for none is one; many are elevations in another unit.
+                if (height.values == wild).mean() < 0.01 * (abs(height.values) > HIGHEST_M).mean():
+                    command = f"gdal_calc.py -A {file} --calc=A/100. --outfile metres.tif"
+                    remedy = f"Turn elevations into metres, of centimetres for instance: {command}"
                 problem = replace(problem, remedy=remedy, value=wild)
             problems.append(replace(problem, file=file) if file else problem)
         raise SceneError(*problems) from None
@@ -331,9 +336,9 @@ def _categories(codes: AnyArray, known: AnyArray, category_of: Mapping[int, int]
     missing = [int(code) for code in used if int(code) not in category_of]
     if missing:
         counts = {code: int(np.sum(known & (codes == code))) for code in missing[:_MOST_TOLD]}
+        text, add = "of a code the legend lacks", "Add a line for it"
         problems = [
-            Problem(f"{n} cells hold a code the legend lacks", "Add a line for it", legend, field="code", value=code)
-            for code, n in counts.items()
+            Problem(f"{counted(n, 'cell')} {text}", add, legend, field="code", value=code) for code, n in counts.items()
         ]
         if len(missing) > _MOST_TOLD:
             text = f"{len(missing) - _MOST_TOLD} more codes are missing"

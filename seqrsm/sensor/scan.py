@@ -22,6 +22,7 @@ from scipy.special import erf
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.parameters import RADIOMETER
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 
 BEAM_STEPS_A_WIDTH: Final = 128
@@ -29,6 +30,7 @@ BEAM_STEPS_A_WIDTH: Final = 128
 
 _REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
 _MOST_FOOTPRINTS: Final = 20_000_000
+_WIDEST_RAD: Final = math.radians(RADIOMETER["scan_half_angle_deg"].high)
 _FAR_M: Final = 1e9  # a scene of 100 km is as wide from there as it is long, to 1e-8
 
 
@@ -268,6 +270,12 @@ def _notes(
         notes.append(f"idle time: {100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not integrated")
     if half_angle < edge - 0.5 * radiometer.beamwidth_rad(radiometer.altitude_m):
         notes.append("narrow sweep: it does not reach the edges of the scene; ground beyond it is not scored")
+    if half_angle > _WIDEST_RAD:
+        degrees, longer = math.degrees(half_angle), 1.0 / math.cos(half_angle) ** 2
+        notes.append(
+            f"wide sweep: the scene ends {degrees:.3g} deg from nadir, where footprints are {longer:.3g} times "
+            "as long; fly higher, or limit scan_half_angle_deg"
+        )
     return tuple(notes)
 
 

@@ -20,6 +20,7 @@ from seqrsm.catalog.start import Measure, StartLevels, StartRange, StartRanges, 
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.file import load_scene
+from seqrsm.scene.layers import known_heights
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
@@ -52,12 +53,10 @@ _DEFAULTS = {
     "psm": {
         "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table covers 1.25 to 10.8 GHz"),
         "resolution": _Default(6.0, 60.0, RESOLUTION_M, "the scene has cells of 5 m and fields of some 150 m"),
-        "depression_angle": _Default(
-            30.0, 60.0, DEPRESSION_DEG, "closer to nadir than 85 deg no aircraft swath covers the scene"
-        ),
+        "depression_angle": _Default(30.0, 60.0, DEPRESSION_DEG, ""),
     },
     "prm": {
-        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "above 36 GHz the tables are less reliable"),
+        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "the tables are reliable from 1 to 36 GHz"),
         "resolution": _Default(50.0, 250.0, (30.0, 500.0), "the scene is four kilometres wide, with cells of 10 m"),
     },
 }
@@ -151,10 +150,22 @@ def engine_for(wanted: Sequence[Wanted]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A scene of the user's own: cells a side [m], and its extent in range [m]."""
+    """A scene of the user's own: cells a side [m], its extent in range [m], and its mean and highest elevation [m]."""
 
     cell_m: float
     range_m: float
+    ground_m: float = 0.0
+    highest_m: float = 0.0
+
+    @property
+    def altitude_m(self) -> float:
+        """From where a radiometer sees the edges at the angle of the template's [m], within what aircraft fly."""
+        return self.above(min(max(1500.0 * self.range_m / _TEMPLATE.range_m, 1500.0), _ALTITUDES_M[-1]))
+
+    def above(self, height_m: float) -> float:
+        """Altitude of a flight line so high above the mean ground, and above all of it [m]."""
+        lowest = max(height_m + self.ground_m, self.highest_m + 300.0)
+        return 100.0 * math.ceil(lowest / 100.0 - 1e-9)
 
     def resolution(self, usual: _Default, engine: str) -> _Default:
         """Range and limits of the resolution over it: three cells or more of a radiometer's footprint."""
@@ -185,7 +196,8 @@ def _site(path: Path, wanted: Sequence[Wanted]) -> Site:
             remedy = f"The scene has {', '.join(known)}."
             message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
             raise UserError(Problem(message, remedy, file=str(path)))
-    return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m)
+    _, mean_m, highest_m = known_heights(scene)
+    return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m, mean_m, highest_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,11 +218,12 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
     limits = dict(_DEFAULTS[engine] if engine else _MEASURED)
     if site is not None and engine:
         limits["resolution"] = site.resolution(limits["resolution"], engine)
-    half_scene_m = 0.53 * (site or _TEMPLATE).range_m  # with room at its ends
+    over = site or _TEMPLATE
+    half_scene_m = 0.53 * over.range_m  # with room at its ends
     if engine == "psm":
         usual, steepest = limits["depression_angle"], math.degrees(math.atan(_ALTITUDES_M[-1] / half_scene_m))
         nadir = min(usual.limits[1], float(math.floor(steepest)))
-        why = usual.why.replace("85", f"{nadir:.0f}")
+        why = f"an aircraft sees the scene at {usual.limits[0]:.0f} to {nadir:.0f} deg"
         limits["depression_angle"] = replace(
             usual, high=min(usual.high, nadir), limits=(usual.limits[0], nadir), why=why
         )
@@ -238,7 +251,7 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
         *(_application_text(one, engine, by_name) for one in wanted),
-        *_simulator_text(engine, chosen, by_name, levels, half_scene_m, "" if site else _TEMPLATE_SITE),
+        *_simulator_text(engine, chosen, by_name, levels, over, half_scene_m),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
         f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
@@ -272,25 +285,27 @@ def _simulator_text(
     chosen: list[_Chosen],
     by_name: Mapping[str, _Chosen],
     levels: tuple[str, ...],
+    site: Site,
     half_scene_m: float,
-    site: str,
 ) -> list[str]:
     """The tables of the simulator; none for measured scores."""
     if not engine:
         return []
-    parts = [f'{site}[simulator]\nengine = "{engine}"\nscene = "scene.npz"']
+    shown = _TEMPLATE_SITE if site is _TEMPLATE else ""
+    parts = [f'{shown}[simulator]\nengine = "{engine}"\nscene = "scene.npz"']
     if engine == "prm":
         parts.append(
             "# An aircraft's scanner, both polarizations.\n[simulator.fixed]\n"
             'polarization = "H+V"\nbandwidth = 25.0              # MHz\nnoise_temperature = 500.0     # K\n'
             "integration_time = 5.0        # ms\nscan_period = 1.0             # s, there and back\n"
-            "altitude_m = 1500.0\nspeed_m_s = 60.0"
+            f"altitude_m = {site.altitude_m}\nspeed_m_s = 60.0"
         )
         return [*parts, *_fixed_text(chosen, ("H+V", ""))]
     altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"], half_scene_m)
     parts.append(
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
-        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}"
+        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\n"
+        f"altitude_m = {site.above(altitude)}"
     )
     return [*parts, *_fixed_text(chosen, levels)]
 

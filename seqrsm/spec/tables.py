@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -226,6 +227,11 @@ class ApplicationSpec(Table):
     def is_percent(self) -> bool:
         """Whether scores are percentages from 0 to 100."""
         return self._row.is_percent
+
+    @property
+    def score_limits(self) -> tuple[float, float]:
+        """Least and largest score that there can be; infinite where the utility has no such ends."""
+        return (0.0, 100.0) if self.is_percent else (-math.inf, math.inf)
 
     @property
     def score_unit(self) -> str:

@@ -244,6 +244,7 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 18.0", "half_width = 1.0"))
     result = seqrsm("run", folder, "--max-runs", 17)
     assert result.exit_code == 3, result.output
+    assert "The budget, 17 of the campaign's 40 runs, was spent before" in result.stdout
     assert len(scores(folder)) == 17
 
 

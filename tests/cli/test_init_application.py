@@ -140,16 +140,24 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     given = ["--application", "flood", "--scene", str(wake)]
     assert CliRunner().invoke(app, ["init", str(tmp_path / "own"), *given]).exit_code == 0
     assert (tmp_path / "own" / "scene.npz").read_bytes() == wake.read_bytes()
-    # The scene is 13.5 km deep: from 24 km up the swath stays beside nadir to atan(24 / 7.2) only.
-    assert "altitude_m = 24000.0" in (tmp_path / "own" / "campaign.toml").read_text(encoding="utf-8")
+    # The scene is 13.5 km deep: from 24 km above its ground the swath stays beside nadir to atan(24 / 7.2) only.
+    assert "altitude_m = 24200.0" in (tmp_path / "own" / "campaign.toml").read_text(encoding="utf-8")
     steep = campaign_text(applications_of(["forest"]), Site(30.0, 450 * 30.0))
-    assert "83 deg (most agree on 30 to 70)\n# cut: closer to nadir than 73 deg no aircraft swath" in steep
+    assert "83 deg (most agree on 30 to 70)\n# cut: an aircraft sees the scene at 10 to 73 deg" in steep
     assert "Langegracht" not in steep
     coarse = campaign_text(applications_of(["crop"]), Site(80.0, 29000.0))  # 10 to 50 m are printed
     assert "not attainable here, the scene has cells of 80 m: the full range instead" in coarse
     assert "low = 80.0\nhigh = 800.0" in coarse
     small = campaign_text(applications_of(["soil moisture"]), Site(20.0, 1600.0))  # a radiometer's
     assert "low = 60.0\nhigh = 200.0" in small
+    assert "altitude_m = 1500.0" in small
+    assert "5 GHz (most agree on 1.5 to 5)\n# cut: the tables are reliable from 1 to 36 GHz\n" in small
+    # A site of 30 km is seen at the angles of the template's 3.68 km.
+    alps = Site(10.0, 3000.0, 1800.0, 3900.0)
+    for words, altitude_m in (("soil moisture", 4200.0), ("crop", 7800.0)):
+        assert f"altitude_m = {altitude_m}\n" in campaign_text(applications_of([words]), alps)
+    large = tomllib.loads(campaign_text(applications_of(["soil moisture"]), Site(10.0, 30000.0)))
+    assert large["simulator"]["fixed"]["altitude_m"] == pytest.approx(1500.0 * 30.0 / 3.68, rel=0.03)
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
     assert checked.exit_code == 0, checked.output
     assert "Warning" not in checked.output

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import UserError
+from seqrsm.scene.file import load_scene, save_scene
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -146,7 +148,7 @@ def test_image_says_what_is_wrong_with_a_setting(tiny, tmp_path) -> None:
 
     assert "--set resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
     assert "Give 10 to 60 m" in told("resolution=2000")
-    assert "--set resolution: a value is not finite" in told("resolution=wide")
+    assert "--set resolution: not a finite number" in told("resolution=wide")
     plain = (tiny / "campaign.toml").read_text(encoding="utf-8")
     dates = '[[factor]]\nname = "interval_days"\nvalues = [1, 3, 6]\n[[application]]'
     (tiny / "campaign.toml").write_text(plain.replace("[[application]]", dates, 1), encoding="utf-8")
@@ -272,3 +274,23 @@ def test_the_version_is_that_of_the_package():
 
     done = subprocess.run([sys.executable, "-m", "seqrsm", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"seqrsm {version('seqrsm')}\n"
+
+
+def test_ground_of_one_cover_is_refused_and_a_cover_of_one_small_field_is_told(tmp_path, tiny_scene) -> None:
+    scene = load_scene(tiny_scene)
+    save_scene(replace(scene, cover=np.zeros_like(scene.cover)), tmp_path / "one.npz")
+    folder = make_tiny(tmp_path / "one", tmp_path / "one.npz")
+    assert "all scored ground is Grass: there is nothing to tell apart" in call("run", folder, code=2)
+    assert json.loads(call("status", folder, "--json"))["runs"] == {}
+    cover, field_id = np.minimum(scene.cover, 1), scene.field_id.copy()
+    cover[30:33, 40:42], field_id[30:33, 40:42] = 2, scene.n_fields
+    save_scene(replace(scene, cover=cover, field_id=field_id), tmp_path / "lone.npz")
+    folder = make_tiny(tmp_path / "lone", tmp_path / "lone.npz")
+    (told,) = json.loads(call("check", folder, "--json"))["combinations"]
+    assert told.startswith("Bareground is one field of 0.06 ha, not taught where it is tested")
+    # Of a scored field nothing is right, whatever the settings.
+    call("run", folder, "--max-runs", 12, code=3)
+    call("export", folder, tmp_path / "lone.json")
+    runs = json.loads((tmp_path / "lone.json").read_text(encoding="utf-8"))["runs"]
+    right = [run["scores"][0]["metadata"]["per_class_percent"]["Bareground"] for run in runs if run["scores"]]
+    assert right == 12 * [0.0]

@@ -401,7 +401,7 @@ def test_pixels_finer_than_the_cells_are_told(campaign):
 def test_channels_that_see_nothing_are_told_by_check(campaign):
     def told(more: str) -> str:
         printed = " ".join(call("check", campaign(more)).stdout.split())  # however wide the terminal
-        return printed.partition("Notes on parts of the region")[2].partition("Assumptions of the")[0].strip()
+        return printed.partition("Notes on the region and the scene")[2].partition("Assumptions of the")[0].strip()
 
     assert not told("")
     assert not told("peak_power = 0.1\n")  # some covers are lost in the noise, not all

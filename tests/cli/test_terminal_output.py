@@ -160,7 +160,7 @@ def test_check_groups_its_statements_and_tells_all_when_asked(tmp_path, tiny_sce
     assert "with those on single covers" in short.stdout
     assert short.stdout.rstrip().endswith("No problems found.")
     for old, new, ends in (
-        ("peak_power = 1000.0", "peak_power = 0.001", "See the notes on parts of the region."),
+        ("peak_power = 1000.0", "peak_power = 0.001", "See the notes on the region and the scene."),
         ("half_width = 18.0", "half_width = 0.5", None),
     ):
         make_tiny(tmp_path / new, tiny_scene, TINY.replace(old, new))

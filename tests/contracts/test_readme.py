@@ -75,6 +75,7 @@ def test_help_prints_each_part_of_the_guides() -> None:
         shown = CliRunner().invoke(app, ["help", *topic.title.split()])
         assert shown.exit_code == 0, shown.output
         assert topic.title in shown.stdout
+    assert "Recommended for ground-cover" in CliRunner().invoke(app, ["help", "ten", "minutes"]).stdout  # what it holds
     assert "Plackett-Luce" in CliRunner().invoke(app, ["help", "rankings"]).stdout
     assert CliRunner().invoke(app, ["help", "no such matter"]).exit_code == 2
 

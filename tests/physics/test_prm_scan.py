@@ -174,6 +174,13 @@ def test_gaps_are_recorded_or_refused_and_told():
         image(FLAT, radiometer(scan_period_s=4.0, gaps="refuse"), Table((0.9,)))
 
 
+def test_edges_too_far_from_nadir_are_told():
+    across_m = 2.0 * 1500.0 * math.tan(math.radians(80.0))
+    told = [scan_geometry(radiometer(), 1500.0, side, 1000.0).notes for side in (0.6 * across_m, across_m)]
+    assert not any("wide sweep" in note for note in told[0])
+    assert any("the scene ends 80 deg from nadir, where footprints are 33.2 times" in note for note in told[1])
+
+
 def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
     with pytest.raises(ConfigurationError, match=r"exceeds a sweep of 500 ms"):
         scan_geometry(radiometer(integration_time_ms=600.0), 1000.0, 1000.0, 1000.0)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from psm_cases import Table, mapped, radar, scene
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene import terrain
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
@@ -182,6 +185,18 @@ def test_an_image_at_grazing_angles_of_89_9_degrees(earth):
     assert walled.shadow[31:].all()
     assert not walled.shadow[:30].any()
     assert np.isfinite(walled.intensity).all()
+
+
+@pytest.mark.parametrize("earth", ["curved", "flat"])
+def test_gamma_is_constant_up_to_the_horizon(tmp_path, earth):
+    rows = "".join(f"sigma0,class 0,5,{p},{a},-10,dB,measured,made,0,0\n" for p in ("HH", "VV") for a in (0, 75))
+    header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd,mean_sd\n"
+    (tmp_path / "even.csv").write_text(header + rows, encoding="utf-8")
+    r = radar(frequency_ghz=5.0, depression_angle_deg=1.0, altitude_m=500.0, earth=earth, fading="none", texture_db=0.0)
+    image = quiet(scene(np.zeros((60, 40)), 5.0), r, load_sigma0_table(tmp_path / "even.csv"))
+    assert (abs(image.incidence_angle_deg - 89.15) < 0.18).all()
+    expected = 0.1 * np.cos(np.deg2rad(image.incidence_angle_deg)) / math.cos(math.radians(75.0))
+    np.testing.assert_allclose(apparent(image), np.broadcast_to(expected[:, None], apparent(image).shape), rtol=0.02)
 
 
 def test_an_image_a_tenth_of_a_degree_from_nadir():

@@ -170,3 +170,21 @@ def test_a_draw_of_the_process_is_distributed_as_its_marginals(tmp_path: Path) -
     marginal = means[:, 0] + np.sqrt(variances[:, 0]) * rng.standard_normal((4000, len(means)))
     found = np.sort(marginal.ravel())
     assert kstest(values, lambda x: np.searchsorted(found, x) / len(found)).pvalue > 1e-3
+
+
+def test_truths_beyond_100_percent_are_covered_as_the_scores_that_they_give(tmp_path: Path) -> None:
+    spec, _ = known(tmp_path, lambda x: hill(x) + 19.0)
+    percent = spec.applications[0].model_copy(update={"utility": "percent_correct"})
+    percent.model_post_init(None)
+    spec = replace(spec, applications=(percent,))
+    rng = np.random.default_rng(4)
+    at = spec.region.sample(30, rng)
+    scores = np.minimum(hill(at) + 19.0 + SIGMA * rng.standard_normal(30), 100.0)
+    runs = [
+        rehearsal.scored_run(i + 1, 1, NewRun(settings, "start", "", "flight"), NewScore("score", float(score)))
+        for i, (settings, score) in enumerate(zip(spec.region.decode(at), scores, strict=True))
+    ]
+    numbers = rehearsed(spec, analyse(spec, percent, runs, n_draws=500), 8)[0]["numbers"]
+    assert numbers["coverage_mean"] >= 0.75
+    assert numbers["coverage_new_run"] >= 0.85
+    assert numbers["regret_p95"] < 5.0

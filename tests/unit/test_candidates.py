@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.candidates import Sufficing, compared
+from seqrsm.campaign.instruments import Instrument, mixtures
 from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
 from seqrsm.sensor.named import noise_equivalent_db, radar_of, radiometer_of, sensors_called
 from seqrsm.sensor.radar import RadarConfiguration, from_settings
@@ -91,3 +92,13 @@ def test_noise_of_a_radiometer_is_exchanged_without_its_times() -> None:
     coarse = exchanged(AIRBORNE, other, ("cell and looks",))
     assert (coarse.resolution_m, coarse.altitude_m) == (other.resolution_m, 3000.0)
     assert coarse.scan_period_s == pytest.approx(2.0 * 4.9)
+
+
+def test_a_set_with_less_power_differs_in_noise_alone() -> None:
+    pair = (OURS, replace(OURS, frequency_ghz=5.4, channels=("HH", "HV")))
+    base, weak = (Instrument(tuple(replace(one, peak_power_w=p) for one in pair), ((), ())) for p in (30.0, 0.3))
+    ((name, mixed),) = mixtures(base, weak)
+    assert name == "noise"
+    assert [noise_equivalent_db(one) for one in mixed.sensors] == pytest.approx(
+        [noise_equivalent_db(one) + 20.0 for one in base.sensors]
+    )

@@ -57,6 +57,18 @@ def test_compromise_lies_between_and_matches_a_fine_grid() -> None:
     assert first.given_up == pytest.approx(first.own_best - first.value)
 
 
+def test_nothing_beyond_the_scale_is_told() -> None:
+    objectives = [
+        Objective("x", "maximize", 1.0, bowl((-0.5, 0.0), 104.0), limits=(0.0, 100.0)),
+        Objective("y", "maximize", 1.0, bowl((0.5, 0.0), 90.0), limits=(0.0, 100.0)),
+    ]
+    found = compromise(BOX, objectives)
+    first, second = found.given_up
+    assert found.front_values.max() <= 100.0
+    assert (first.value, first.own_best, second.own_best) == pytest.approx((99.0, 100.0, 90.0), abs=0.1)
+    assert first.given_up == pytest.approx(first.own_best - first.value)
+
+
 def test_posterior_of_the_compromise() -> None:
     rng = np.random.default_rng(2)
     centres = np.array([-0.5, 0.0]) + 0.05 * rng.normal(size=(100, 2))

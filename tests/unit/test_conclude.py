@@ -13,7 +13,7 @@ from process_cases import hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
-from seqrsm.analysis.conclude import _within_percent, analyse
+from seqrsm.analysis.conclude import _possible, analyse
 from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.analysis.runs import evidence, response_scale
 from seqrsm.analysis.scale import Interval
@@ -60,7 +60,7 @@ def test_nothing_above_100_or_below_0_is_promised(narrow: Analysis, ends: tuple,
     wide = Interval(*ends)
     for mean, shown in zip(ends, kept, strict=True):
         estimate = replace(narrow.optimum, mean=mean, confidence=wide, prediction=wide, prediction_mean=wide)
-        assert promised(_within_percent(estimate)) == [shown, *kept * 3]
+        assert promised(_possible(estimate, 0.0, 100.0)) == [shown, *kept * 3]
 
 
 @pytest.mark.parametrize(("goal", "bound"), [("maximize", 100.0), ("minimize", 0.0)])

@@ -247,6 +247,15 @@ def test_bad_files(tmp_path: Path) -> None:
         load_sigma0_table(path)
 
 
+@pytest.mark.parametrize("mistake", ["linear", "sign"])
+def test_linear_numbers_and_lost_signs_do_not_pass_as_decibels(tmp_path: Path, mistake: str) -> None:
+    path = tmp_path / "own.csv"
+    rows = own_rows(unit="1").replace(",1,measured", ",dB,measured") if mistake == "linear" else own_rows()
+    path.write_text(HEADER + rows.replace(",-10", ",10"), encoding="utf-8")
+    with pytest.raises(ScatteringDataError, match=r'every value is above 0 dB.*unit "1"'):
+        load_sigma0_table(path)
+
+
 def test_missing_channel_of_a_user_table(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
     path.write_text(HEADER + own_rows(channels=("HH",)), encoding="utf-8")

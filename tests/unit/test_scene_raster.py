@@ -125,7 +125,7 @@ def test_rasters_that_do_not_fit(files, tmp_path, change, words):
 
 def test_codes_without_a_category_and_bad_legends(files, tmp_path):
     files["cover"] = write(tmp_path / "x.tif", np.full((60, 60), 7, np.uint8), 5.0)
-    with pytest.raises(SceneError, match=r"3600 cells hold a code the legend lacks.*7"):
+    with pytest.raises(SceneError, match=r"3600 cells of a code the legend lacks.*7"):
         import_scene(**files)
     for text, words in (("a,b\n1,2\n", "column"), ("code,category\nx,Wheat\n1,A\n1,B\n", "whole number.*\n.*twice")):
         files["legend"].write_text(text, encoding="utf-8")
@@ -249,6 +249,9 @@ def test_problems_of_a_layer_name_its_raster(files, tmp_path):
         SceneError,
         match=r"void\.tif: elevation_m: .*no-data value in the file, for instance: gdal_edit\.py -a_nodata -32768",
     ):
+        import_scene(**files)
+    files["elevation"] = write(tmp_path / "cm.tif", (np.abs(tifffile.imread(files["elevation"])) + 1e2) * 1e2, 10.0)
+    with pytest.raises(SceneError, match=r"cm\.tif: elevation_m: .*Turn elevations into metres"):
         import_scene(**files)
     files["elevation"] = write(tmp_path / "z.tif", np.abs(values) % 50, 10.0)
     with pytest.raises(SceneError, match=r"z\.tif: soil_moisture"):

@@ -133,7 +133,7 @@ WHEAT = ({"code": 1}, "Polygon", [EDGE])
         ([WHEAT, ({"code": 1}, "Point", [1, 2])], "EPSG:31370", ["feature 2", "not a polygon", "'Point'"]),
         ([({"code": 1}, "Polygon", [[[1, 2], [3, "x"]]])], "EPSG:31370", ["feature 1", "not rings of numbers"]),
         ([({"code": 1}, "Polygon", [])], "EPSG:31370", ["feature 1", "not rings of numbers"]),
-        ([({"code": 7}, "Polygon", [EDGE])], "EPSG:31370", ["hold a code the legend lacks"]),
+        ([({"code": 7}, "Polygon", [EDGE])], "EPSG:31370", ["of a code the legend lacks"]),
         ([WHEAT], "EPSG:28992", ["EPSG 28992", "EPSG 31370", "ogr2ogr -t_srs EPSG:31370"]),
         ([WHEAT], "urn:ogc:def:crs:OGC:1.3:CRS84", ["in degrees"]),
         ([({"code": 1}, "Polygon", [[[4, 50], [5, 50], [5, 51], [4, 50]]])], None, ["in degrees", "ogr2ogr"]),

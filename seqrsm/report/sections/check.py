@@ -36,7 +36,7 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
     sections += _budget_sections(result)
     if result.combinations:
-        sections.append(Section("combinations", "Notes on parts of the region", (Bullets(result.combinations),)))
+        sections.append(Section("combinations", "Notes on the region and the scene", (Bullets(result.combinations),)))
     if result.hardware:
         text = "Feasibility of the radar recommended so far (margins below 1 cannot be built)"
         sections.append(Section("hardware", text, (Bullets(result.hardware),)))

@@ -90,7 +90,7 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
     """Table of sigma0 on equal steps of sin(theta/2) from 0 to 90 deg.
 
     sin(theta/2) is smooth in the angle and needs no inverse function in the kernel. Between the table's angles sigma0
-    is linear in decibels, or in power where it falls to zero.
+    is linear in decibels, or in power where it falls to zero, as in the last degree before 90 deg.
 
     Parameters
     ----------
@@ -112,6 +112,9 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
             level = np.log(sigma0) + LN10_OVER_10 * offset_db
             low = level[:, k]
             np.exp(part * (level[:, k + 1] - low) + low, out=out[c])
+        last = k == len(nodes) - 2
+        low, high = sigma0[:, -2:-1], sigma0[:, -1:]
+        out[c][:, last] = (low + part[last] * (high - low)) * db_to_linear(offset_db)
         if not (sigma0 > 0.0).all():
             low, high = sigma0[:, k], sigma0[:, k + 1]
             straight = (low + part * (high - low)) * db_to_linear(offset_db)
