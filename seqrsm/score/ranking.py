@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from seqrsm.arrays import FloatArray, IntArray
 
@@ -187,7 +187,9 @@ def _sharpness(
         expected = value + 0.5 * float(np.sum(hessian[:n, :n] * covariance))
         return 0.5 * (log_sharpness / prior_sd) ** 2 - expected
 
-    best = float(minimize_scalar(minus_log_posterior, bounds=(-_SHARPEST, _SHARPEST), method="bounded").x)
+    best = float(
+        scipy.optimize.minimize_scalar(minus_log_posterior, bounds=(-_SHARPEST, _SHARPEST), method="bounded").x
+    )
     step = 0.05
     ends = [minus_log_posterior(best + k * step) for k in (-1, 0, 1)]
     curvature = (ends[0] - 2.0 * ends[1] + ends[2]) / step**2
