@@ -286,7 +286,7 @@ def _ranking_messages(summary: RankingSummary) -> list[str]:
     if summary.scale_se > 0.0:
         factor = f"{math.exp(1.96 * summary.scale_se):.2g}"
         messages.append(
-            f"Their common scale is known to within a factor of {factor} (95 %), which no interval includes."
+            f"Their common scale is known to within a factor of about {factor}, which no interval includes."
         )
     if summary.apart:
         messages.append(
