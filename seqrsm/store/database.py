@@ -12,7 +12,9 @@ from __future__ import annotations
 import json
 import logging
 import os
+import signal
 import sqlite3
+import threading
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
@@ -106,7 +108,7 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[sa.Connection]:
         """A transaction that sees one consistent state."""
-        with self._explained(), self._connected() as connection:
+        with _interrupted_later(), self._explained(), self._connected() as connection:
             if connection.dialect.name == "postgresql":
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             with connection.begin():
@@ -117,7 +119,7 @@ class Database:
         """A transaction that is alone in writing; durable when the block ends, undone when it raises."""
         if self.read_only:
             raise StoreError(Problem("the database may not be written", _RIGHTS, file=self.label))
-        with self._explained(), self._connected() as connection:
+        with _interrupted_later(), self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
                 if (version := _locked(connection)) != self._versions[-1]:
@@ -313,6 +315,29 @@ _EXPLANATIONS = (
 
 _MOUNTS = Path("/proc/mounts")
 _NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "fuse.sshfs", "fuse.glusterfs")
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Signals of the user wait for the end of the block: one between two statements would leave a transaction open.
+
+    What releases runs afterwards would then wait for the lock that its own process holds. A thread hears none anyway.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[tuple[int, Any]] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = {number: handler for number, handler in before.items() if callable(handler)}
+    try:
+        for number in heard:
+            signal.signal(number, lambda *given: waiting.append(given))
+        yield
+    finally:
+        for number, handler in heard.items():
+            signal.signal(number, handler)
+        for given, frame in waiting:
+            heard[signal.Signals(given)](given, frame)
 
 
 def _check_path(path: Path, create: bool) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
 import tempfile
+import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -423,3 +426,34 @@ def test_a_server_that_another_holds_is_not_waited_for_for_ever(tmp_path, postgr
         pytest.raises(StoreError, match="did not answer in time"),
     ):
         other.add_batch([RUN])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_for_the_end_of_a_transaction(tmp_path, number) -> None:
+    """Between two statements it would leave the lock with a process that then waits for it itself."""
+
+    class Stopped(BaseException):
+        pass
+
+    def stop(*_: object) -> None:
+        raise Stopped
+
+    def interrupted_within(transaction) -> None:
+        with transaction():
+            os.kill(os.getpid(), number)
+            time.sleep(0.05)
+            done.append(transaction)
+
+    opened = Database(tmp_path / STORE_NAME, create=True, campaign="c")
+    before, done = signal.signal(number, stop), []
+    try:
+        for transaction in (opened.write, opened.read):
+            with pytest.raises(Stopped):
+                interrupted_within(transaction)
+            assert signal.getsignal(number) is stop
+    finally:
+        signal.signal(number, before)
+    assert done == [opened.write, opened.read]
+    with closing(sqlite3.connect(tmp_path / STORE_NAME, timeout=0.0)) as other:
+        other.execute("BEGIN IMMEDIATE")
+    opened.close()
