@@ -396,8 +396,9 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
 
 def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
     """What is to be said of covers that no other field can teach; refuses a scene with nothing to tell apart."""
-    fields, cells = np.unique(scene.field_id[scene.scored], return_counts=True)
-    cover_of, area_m2 = categories_of_fields(scene)[fields], cells * scene.cell_m**2
+    cells = np.bincount(scene.field_id[scene.scored], minlength=scene.n_fields)
+    fields = np.flatnonzero(cells)
+    cover_of, area_m2 = categories_of_fields(scene)[fields], cells[fields] * scene.cell_m**2
     covers, n_fields = np.unique(cover_of, return_counts=True)
     if len(covers) == 1:
         text = f"all scored ground is {scene.categories[covers[0]]}: there is nothing to tell apart"

@@ -258,10 +258,8 @@ def _log_probability(eta: FloatArray, sizes: Sequence[int]) -> tuple[float, Floa
     """Log probability of an order of images with log worths ``eta`` (n,), in groups of ``sizes``; its derivatives."""
     n, starts = len(eta), np.cumsum([0, *sizes[:-2]]) if len(sizes) > 1 else np.zeros(0, dtype=np.intp)
     single = starts[np.array(sizes[:-1], dtype=np.intp) == 1]
-    left = np.arange(n) >= single[:, None]  # the last group is what is left: certain
-    worth = np.where(
-        left, np.exp(eta - np.max(np.where(left, eta, -np.inf), axis=1, keepdims=True, initial=-700.0)), 0.0
-    )
+    left = np.where(np.arange(n) >= single[:, None], eta, -np.inf)  # the last group is what is left: certain
+    worth = np.exp(left - left.max(axis=1, keepdims=True))
     share = worth / worth.sum(axis=1, keepdims=True)
     log_p, g, h = float(np.sum(np.log(share[np.arange(len(single)), single]))), -share.sum(axis=0), share.T @ share
     g[single] += 1.0
