@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS, canopy_share, level_days
+from seqrsm.scattering.calendar import DAYS, canopy_share, level_days, on_day
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -314,3 +314,10 @@ def test_a_circular_wave_returns_half_the_sum():
     hh, hv, vv = (TABLE.lookup(CROPS, 5.4, channel).sigma0 for channel in ("HH", "HV", "VV"))
     for found, expected in zip(own, (0.5 * (hh + hv), 0.5 * (vv + hv), hv), strict=True):
         np.testing.assert_allclose(found.sigma0, expected)
+
+
+def test_values_on_days_are_those_of_numpy_across_the_ends_of_the_year():
+    years = np.random.default_rng(4).normal(size=(3, 365))
+    days = np.array([-400.2, -0.5, 0.0, 0.3, 1.0, 180.25, 364.0, 364.9, 365.0, 365.4, 366.0, 800.7])
+    np.testing.assert_array_equal(on_day(years, days), [np.interp(days, DAYS, year, period=365.0) for year in years])
+    np.testing.assert_array_equal(on_day(years, 364.9), on_day(years, days)[:, 7])
