@@ -21,7 +21,7 @@ from seqrsm.scene.file import save_scene
 from seqrsm.scene.scene import NO_COVER, Scene
 
 SEED = 1979
-COVER = {1: "Asphalt", 2: "Hay", 3: "Grass", 4: "Scrub", 5: "Trees", 6: "Water", 7: "Gravel"}
+COVER = {1: "Settlement", 2: "Hay", 3: "Grass", 4: "Scrub", 5: "Trees", 6: "Water", 7: "Gravel"}
 SEDIMENT = 7
 PATCH_SPACING_M = 450.0  # covers in pieces of 20 ha on average
 LICENCE = (
@@ -60,7 +60,7 @@ def build(source: Mapping[str, AnyArray]) -> Scene:
         licence=LICENCE,
         provenance=PROVENANCE,
         category_notes={
-            "Asphalt": "the source's developed land: roofs, roads and lawns together",
+            "Settlement": "the source's developed land: roofs, roads and lawns together",
             "Hay": "the source's agriculture; the crop is not known",
             "Gravel": "the source's sediment, 0.1 % of the site, not scored",
         },

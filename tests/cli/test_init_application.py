@@ -161,10 +161,10 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
     assert checked.exit_code == 0, checked.output
     assert "Warning" not in checked.output
-    given[1] = "urban"
+    given[1] = "corn"
     refused = CliRunner().invoke(app, ["init", str(tmp_path / "none"), *given])
     assert refused.exit_code == 2
-    assert "Settlement" in refused.output
+    assert "Corn" in refused.output
     assert not (tmp_path / "none").exists()
 
 

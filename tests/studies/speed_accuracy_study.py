@@ -1,16 +1,15 @@
-"""What whole campaigns cost: in full, with a tolerance, and by the code as it was.
+"""What coarser databases gain, and at what error: single runs, and whole campaigns with a tolerance.
 
-    python tests/studies/speed_accuracy_study.py --before CHECKOUT
+    python tests/studies/speed_accuracy_study.py
 
-Each site's campaign is run by ``seqrsm run`` in a process of its own, by one way after the other, in turns. CHECKOUT is
-a work tree of an earlier commit, to compare with: 0a1c417 is the last that had the fidelity planner. Seconds are CPU
-time of the process and its children, one thread, the least of the rounds. Every campaign is kept as soon as it is done,
-in the temporary folder; the page ``reports/speed-accuracy/README.md`` is written from what there is.
+``seqrsm tradeoff`` measures the runs. Then each site's campaign is run to its end by ``seqrsm run``, in full and with a
+tolerance in turns, each in a process of its own, and what both recommend is simulated on the same fresh occasions, in
+full. Seconds are CPU time of the process and its children, one thread, the least of the rounds. Everything is kept in
+the temporary folder as soon as it is done; the page is ``reports/speed-accuracy/README.md``.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -23,21 +22,31 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
 
-from seqrsm.campaign.simulation import SimulationTask
-from seqrsm.design.factors import ContinuousFactor
-from seqrsm.design.region import Region
+import numpy as np
+
+from seqrsm.campaign.simulation import carry_out, task_of
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.spec.read import load_spec
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "reports" / "speed-accuracy"
-KEPT = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-whole-campaigns.json"
-EXAMPLES = ("langegracht-radar", "limburg-radar", "wake-radiometer", "crops-and-moisture")
-ROUNDS, RUNS, TOLERANCE = 2, 60, 0.5
+KEPT = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-speed-accuracy.json"
+EXAMPLES = ("langegracht-radar", "limburg-radar", "wake-radiometer", "crops-and-moisture", "langegracht-dates")
+ROUNDS, RUNS, FRESH = 2, 60, 30
+TOLERANCES = {"crops-and-moisture": 0.005}
+"""In score units: kappa has no more than 1; percent have half a point (`TOLERANCE`)."""
+TOLERANCE = 0.5
 CROPS = ("Wheat", "Corn", "Oats", "Forage", "Trees", "Grass")
 LAND = ("Water", "Trees", "Grass", "Bareground")
-RADAR = {"polarization": "HH+HV", "bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 8000.0, "depression_angle": 45.0}
-RADIOMETER = {
+RADAR: dict[str, float | str] = {
+    "polarization": "HH+HV",
+    "bandwidth": 50.0,
+    "peak_power": 30.0,
+    "altitude_m": 8000.0,
+    "depression_angle": 45.0,
+}
+RADIOMETER: dict[str, float | str] = {
     "polarization": "H+V",
     "bandwidth": 100.0,
     "noise_temperature": 500.0,
@@ -78,7 +87,7 @@ def synthetic(size: int, cell: float, covers: tuple[str, ...], relief: float, fi
 
 RADAR_FACTORS = (("frequency", 1.25, 9.6), ("resolution", 8.0, 60.0))
 PASSIVE = (("frequency", 6.0, 36.0), ("resolution", 150.0, 400.0))
-FINE = {**RADAR, "altitude_m": 6000.0}
+FINE: dict[str, float | str] = {**RADAR, "altitude_m": 6000.0}
 SITES = (
     Site("flat fields", "psm", RADAR_FACTORS, RADAR, synthetic(1800, 5.0, CROPS, 3.0, 200.0)),
     Site("rolling fields", "psm", RADAR_FACTORS, RADAR, synthetic(1800, 5.0, CROPS, 150.0, 200.0)),
@@ -86,16 +95,6 @@ SITES = (
     Site("rolling land", "prm", PASSIVE, RADIOMETER, synthetic(1800, 15.0, LAND, 150.0, 600.0)),
     Site("lidar fields", "psm", RADAR_FACTORS, FINE, synthetic(4000, 1.0, CROPS, 40.0, 100.0)),
 )
-
-
-def region_of(site: Site) -> Region:
-    return Region(tuple(ContinuousFactor(name, low, high, scale="log") for name, low, high in site.factors))
-
-
-def task(site: Site, settings: dict[str, Any], seed: int, run: int) -> SimulationTask:
-    return SimulationTask(
-        site.engine, run, seed, settings, site.fixed, site.scene_path(), "", (("a", "percent_correct"),)
-    )
 
 
 def specification(site: Site) -> str:
@@ -113,7 +112,9 @@ def specification(site: Site) -> str:
 def prepared(folder: Path, name: str, more: str) -> None:
     """A campaign's folder; ``more``: a line of its table [simulator]."""
     if name in EXAMPLES:
-        shutil.copytree(ROOT / "campaigns" / name, folder)
+        shutil.copytree(
+            ROOT / "campaigns" / name, folder, ignore=shutil.ignore_patterns("campaign.db*", "tradeoff.json")
+        )
         text = (folder / "campaign.toml").read_text(encoding="utf-8")
     else:
         folder.mkdir()
@@ -123,85 +124,133 @@ def prepared(folder: Path, name: str, more: str) -> None:
     (folder / "campaign.toml").write_text(text.replace("[simulator]\n", f"[simulator]\n{more}\n"), encoding="utf-8")
 
 
-def carried_out(name: str, code: Path, more: str) -> dict[str, Any]:
-    """CPU seconds of a whole campaign, runs, and the median time of one [s]."""
+def told(command: str, folder: Path, *options: str) -> tuple[dict[str, Any], float]:
+    """What a command prints as JSON, and its CPU seconds."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    line = [sys.executable, "-m", "seqrsm", command, str(folder), "--json", *options]
+    done = subprocess.run(line, env=env, capture_output=True, text=True, cwd=folder, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode not in (0, 3):
+        raise SystemExit(f"{folder.name}: {done.stderr}")
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return json.loads(done.stdout), seconds
+
+
+def carried_out(name: str, more: str) -> dict[str, Any]:
+    """A whole campaign: CPU seconds, runs, what it recommends, and how that scores on fresh occasions in full."""
     with TemporaryDirectory() as parent:
         folder = Path(parent) / "campaign"
         prepared(folder, name, more)
-        env = {**os.environ, "PYTHONPATH": str(code), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = [sys.executable, "-m", "seqrsm", "run", str(folder), "--json"]
-        done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=parent, check=False)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        if done.returncode not in (0, 3):
-            raise SystemExit(f"{name}: {done.stderr}")
-        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        export = [sys.executable, "-m", "seqrsm", "export", str(folder), str(folder / "all.json")]
-        subprocess.run(export, env=env, check=True, capture_output=True, cwd=parent)
-        runs = json.loads((folder / "all.json").read_text(encoding="utf-8"))["runs"]
-        found = json.loads(done.stdout)
-    each = sorted(
-        run["scores"][0]["metadata"]["fidelity"]["seconds"]
-        for run in runs
-        if run["state"] == "scored" and run["scores"]
-    )
-    best = found["applications"][0]["optimum"] if "applications" in found else {}
-    return {"seconds": seconds, "runs": len(each), "run_s": each[len(each) // 2], "optimum": best}
+        found, seconds = told("run", folder)
+        best = found["applications"][0]["optimum"]["settings"]
+        spec = load_spec(folder)
+        scores = [carry_out(task_of(spec, 2**29 + k, best)).scores[0].score for k in range(FRESH)]
+    return {"seconds": seconds, "runs": found["applications"][0]["n_runs"], "best": best, "scores": scores}
 
 
-def measure(before: Path | None) -> dict[str, Any]:
-    """Every site by every way, in turns."""
+def tradeoff(name: str) -> dict[str, Any]:
+    """What ``seqrsm tradeoff`` says of the site, by application."""
+    with TemporaryDirectory() as parent:
+        folder = Path(parent) / "campaign"
+        prepared(folder, name, "")
+        return dict(told("tradeoff", folder)[0]["simulation"]["applications"])
+
+
+def measure() -> dict[str, Any]:
+    """Every site, both ways in turns."""
     kept: dict[str, Any] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
-    ways = {"in full": (ROOT, ""), f"tolerance {TOLERANCE}": (ROOT, f"tolerance = {TOLERANCE}")}
-    if before is not None:
-        ways |= {"before, in full": (before, 'fidelity = "F4"'), "before, planner": (before, "")}
-    for number in range(ROUNDS):
-        for name in (*EXAMPLES, *(site.name for site in SITES)):
-            for way, (code, more) in ways.items():
-                own = kept.setdefault(name, {}).setdefault(way, [])
-                if len(own) <= number:
-                    own.append(carried_out(name, code, more))
+    for name in (*EXAMPLES, *(site.name for site in SITES)):
+        own = kept.setdefault(name, {"tradeoff": None, "in full": [], "tolerance": []})
+        for number in range(ROUNDS):
+            for way in ("in full", "tolerance"):
+                if len(own[way]) <= number:
+                    tolerance = f"tolerance = {TOLERANCES.get(name, TOLERANCE)}"
+                    own[way].append(carried_out(name, tolerance if way == "tolerance" else ""))
                     KEPT.write_text(json.dumps(kept))
-                    print(f"{name}, {way}: {own[-1]['seconds']:.1f} s", flush=True)
+                    print(f"{name}, {way}: {own[way][-1]['seconds']:.1f} s", flush=True)
+        if own["tradeoff"] is None:
+            own["tradeoff"] = tradeoff(name)
+            KEPT.write_text(json.dumps(kept))
     return kept
 
 
-HEAD = """# Cost of campaigns on full and coarser scenes
+RUNS_HEAD = """# What coarser scenes gain, and at what error
 
-Written by `python tests/studies/speed_accuracy_study.py --before CHECKOUT`: CPU seconds of whole campaigns by
-`seqrsm run` (startup, searches, simulations, fits, posterior) on one thread, the lower of two alternating rounds, and
-in brackets the median time of one simulated run in milliseconds. *Before* is commit 0a1c417, with the fidelity planner
-of some 2,900 lines, which sampled the ground and bounded the error of omitting unneeded detail. *Tolerance* is
-`[simulator] tolerance = 0.5`: cells are averaged as far as measured differences of the scores allow. The synthetic
-sites run 60 simulations each, over frequency and resolution; the examples end by their own stop rules.
+Written by `python tests/studies/speed_accuracy_study.py`. All times are CPU times on one thread; other programs ran on
+the same two cores, so that differences of 10 % are not significant. The synthetic sites (fields, land) vary frequency
+and resolution.
 
-| site | cells | """
+## Single runs
+
+`seqrsm tradeoff`: 8 configurations spread over the region, 6 occasions each, on the scene as it is and on scenes whose
+cells are averaged while a pixel keeps 8, 4 or 2 of them along its side. Score units: percent correct, but kappa for
+crops and skill for moisture. *Utility lost*: by choosing the configuration that scores best on the coarser scene.
+
+| site | cells | score | run [ms] | cells along a pixel | time [%] | rms error | bias ± s.e. | utility lost ± s.e. |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+CAMPAIGNS_HEAD = """
+## Whole campaigns
+
+`seqrsm run` (startup, searches, simulations, fits, posterior) in full and with `[simulator] tolerance`: cells are
+averaged as far as measured differences of the scores allow, at most the tolerance (root mean square). The lower of two
+alternating rounds. The synthetic sites run 60 simulations each; the examples end by their own stop rules. *True
+difference*: mean score in full of what the campaign with a tolerance recommends, less that of what the full one does,
+on {n} fresh occasions.
+
+| site | tolerance | full [s] | with tolerance [s] | runs, full and with tolerance | true difference ± s.e. |
+|---|---|---|---|---|---|
+"""
+
+
+def cells_of(name: str) -> str:
+    path = ROOT / "campaigns" / name / "scene.npz"
+    if name not in EXAMPLES:
+        path = Path(next(site for site in SITES if site.name == name).scene_path())
+    scene = load_scene(path)
+    return f"{scene.shape[0]} x {scene.shape[1]} of {scene.cell_m:g} m"
+
+
+def pair(value: float, error: float, digits: int) -> str:
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def page(kept: dict[str, Any]) -> str:
-    ways = list(dict.fromkeys(way for own in kept.values() for way in own))
-    lines = [HEAD + " | ".join(ways) + " |", "|---|---|" + "---|" * len(ways)]
+    single, whole = "", ""
     for name, own in kept.items():
-        path = ROOT / "campaigns" / name / "scene.npz"
-        if name not in EXAMPLES:
-            path = Path(next(site for site in SITES if site.name == name).scene_path())
-        scene = load_scene(path)
-        row = f"| {name} | {scene.shape[0]} x {scene.shape[1]} of {scene.cell_m:g} m |"
-        for way in ways:
-            best = min(own.get(way, []), key=lambda one: one["seconds"], default=None)
-            row += " |" if best is None else f" {best['seconds']:.1f} ({1000.0 * best['run_s']:.0f}) |"
-        lines.append(row)
-    return "\n".join(lines) + "\n"
+        for application, levels in (own["tradeoff"] or {}).items():
+            full, *coarser = levels
+            digits = 3 if name in TOLERANCES else 2
+            for one in coarser:
+                if one["averaged"] == [1]:
+                    continue  # the same scene
+                single += (
+                    f"| {name} | {cells_of(name)} | {application} | {1000.0 * full['seconds']:.0f}"
+                    f" | {one['cells']} or more"
+                    f" | {100.0 * one['time_ratio']:.0f} | {one['rms_error']:.{digits}f}"
+                    f" | {pair(one['bias'], one['bias_se'], digits)}"
+                    f" | {pair(one['utility_lost'], one['utility_lost_se'], digits)} |\n"
+                )
+        full, fast = (list(own[way]) for way in ("in full", "tolerance"))
+        if full and fast:
+            gain = np.subtract(fast[0]["scores"], full[0]["scores"])
+            tolerance = TOLERANCES.get(name, TOLERANCE)
+            whole += (
+                f"| {name} | {tolerance:g} | {min(one['seconds'] for one in full):.1f}"
+                f" | {min(one['seconds'] for one in fast):.1f} | {full[0]['runs']}, {fast[0]['runs']}"
+                f" | {pair(gain.mean(), gain.std(ddof=1) / len(gain) ** 0.5, 3 if name in TOLERANCES else 2)} |\n"
+            )
+    return RUNS_HEAD + single + CAMPAIGNS_HEAD.format(n=FRESH) + whole
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--before", type=Path)
-    kept = measure(parser.parse_args().before)
-    text = page(kept)
+    text = page(measure())
     notes = OUT / "notes.md"
-    OUT.mkdir(exist_ok=True)
-    (OUT / "README.md").write_text(text + (notes.read_text(encoding="utf-8") if notes.exists() else ""))
+    (OUT / "README.md").write_text(
+        text + (notes.read_text(encoding="utf-8") if notes.exists() else ""), encoding="utf-8"
+    )
     print(text)
 
 

@@ -11,21 +11,36 @@ import pytest
 
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.fields import connected_patches
-from seqrsm.scene.file import load_scene
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "langegracht-radar"
 
 
-@pytest.fixture(scope="module")
-def builder() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("build_langegracht_scene", FOLDER / "build_scene.py")
+def builder_of(folder: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"build_{folder.name.replace('-', '_')}", folder / "build_scene.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def builder() -> ModuleType:
+    return builder_of(FOLDER)
+
+
+def test_every_campaign_over_the_site_sees_the_same_ground(tmp_path: Path) -> None:
+    coarse = FOLDER.parent / "crops-and-moisture"
+    save_scene(builder_of(coarse).thin(load_scene(FOLDER / "scene.npz")), tmp_path / "scene.npz")
+    fresh, shipped = (np.load(folder / "scene.npz", allow_pickle=False) for folder in (tmp_path, coarse))
+    assert fresh.files == shipped.files
+    for name in fresh.files:
+        np.testing.assert_array_equal(fresh[name], shipped[name], err_msg=name)
+    dates = FOLDER.parent / "langegracht-dates" / "scene.npz"
+    assert dates.read_bytes() == (coarse / "scene.npz").read_bytes()
 
 
 def test_shipped_scene() -> None:
