@@ -139,7 +139,7 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
 
 
 def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
-    measures = [Measure(application.name, application.is_percent) for application in spec.applications]
+    measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
     file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block")
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))

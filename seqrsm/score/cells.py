@@ -39,6 +39,7 @@ class Measure:
 
     name: str
     is_percent: bool = False
+    unit: str = ""
 
 
 def split_header(text: str) -> tuple[str, str]:
@@ -195,7 +196,13 @@ class CellReader:
                 if not factor.unit:
                     wanted = "It is dimensionless: omit the unit."
                 self.add("the unit cannot be converted", wanted, line, name, unit)
-        elif unit and name in self.optional and not (name in ("score", "se") and unit == "%"):
+        elif unit and name in ("score", "se"):
+            theirs = {"percent" if one.is_percent else one.unit for one in self.measures.values()}
+            if {"%": "percent"}.get(unit, unit) not in theirs:
+                headers = " or ".join(f"{name} [{one}]" if one else name for one in sorted(theirs))
+                remedy = f"Convert them where needed, and write the header as: {headers}"
+                self.add("this is not the unit of the scores", remedy, line, name, unit)
+        elif unit and name in self.optional:
             self.add("this column has no unit", f"Write the header as: {name}", line, name, unit)
 
     def missing(self, line: int) -> None:

@@ -88,6 +88,27 @@ def test_counts_of_another_utility_are_only_kept(read):
     assert (score.score, score.se, score.n) == (-3.0, None, 400)
 
 
+@pytest.mark.parametrize(
+    ("measure", "unit", "header"),
+    [
+        (Measure("crops", True, "percent"), "percent", ""),
+        (Measure("crops", True, "percent"), "%", ""),
+        (Measure("ice", unit="dB"), "dB", ""),
+        (Measure("ice", unit="dB"), "percent", "score [dB]"),
+        (Measure("ice"), "%", "score"),
+    ],
+)
+def test_scores_may_be_given_with_their_unit_and_with_no_other(read, measure, unit, header):
+    content = f"{HEADER} [{unit}]\n1,4,HH,50\n"
+    if not header:
+        assert read(content, [measure]).scores[0].score == 50.0
+        return
+    with pytest.raises(ScoresFileError) as refused:
+        read(content, [measure])
+    assert f"(got '{unit}')" in str(refused.value)
+    assert str(refused.value).endswith(f"write the header as: {header}")
+
+
 def test_several_applications(read):
     measures = [Measure("crops", True), Measure("ice")]
     content = HEADER + ",application\n1,4,HH,50,crops\n1,4,HH,-7,ice\n"
@@ -150,7 +171,7 @@ BAD = [
     (HEADER + ",\n1,4,HH,5,6\n", 1, None, "has no name"),
     ("frequency [K],looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "cannot be converted"),
     ("frequency,looks [m],polarization,score\n1,4,HH,5\n", 1, "looks", "dimensionless"),
-    ("frequency,looks,polarization,score [m]\n1,4,HH,5\n", 1, "score", "no unit"),
+    ("frequency,looks,polarization,score [m]\n1,4,HH,5\n", 1, "score", "not the unit"),
     (ROW.format("1,4,HH"), 2, None, "3 cells, the header 4"),
     (ROW.format("1,5,4,HH,50"), 2, None, "decimal comma"),
     (ROW.format("one,4,HH,50"), 2, "frequency", "not a number"),
