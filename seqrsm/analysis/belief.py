@@ -227,7 +227,7 @@ def _mixture_quantile(
     """
     se, sd = np.maximum(se, _TINY), np.maximum(sd, _TINY)
     each = np.vstack([mean + se * stdtrit(df, tail), means + sd * ndtri(tail)])
-    margin = 1e-9 * (1.0 + np.abs(mean))
+    margin = 1e-9 * (np.abs(each).max(axis=0) + se)
 
     def below(x: FloatArray, k: IntArray) -> FloatArray:
         of_process = np.mean(ndtr((x - means[:, k]) / sd[:, k]), axis=0)

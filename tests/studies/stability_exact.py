@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, getcontext
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
 
@@ -104,22 +103,10 @@ def quadratic_rows(columns: Sequence[Vector], first: Sequence[int], second: Sequ
     return [[base[a][i] * base[b][i] for a, b in zip(first, second, strict=True)] for i in range(len(columns[0]))]
 
 
-def box_maximiser(beta: Vector, k: int, first: Sequence[int], second: Sequence[int]) -> Vector | None:
-    """Maximiser of a full quadratic on [-1, 1]^k: over all faces up to k = 3, else the stationary point if inside."""
-    forms = _forms(beta, k, first, second)
-    best, place = Decimal("-Infinity"), None
-    for held in product((0, -1, 1), repeat=k) if k <= 3 else [(0,) * k]:
-        point = _on_face(*forms[1:], held)
-        if point is None or any(abs(v) > 1 for v in point):
-            continue
-        value = sum(
-            (v * (b + sum((B * w for B, w in zip(row, point, strict=True)), Decimal(0)))
-             for v, b, row in zip(point, forms[1], forms[2], strict=True)),
-            forms[0],
-        )  # fmt: skip
-        if value > best:
-            best, place = value, point
-    return place
+def stationary(beta: Vector, k: int, first: Sequence[int], second: Sequence[int]) -> Vector:
+    """Stationary point of a full quadratic in k variables."""
+    _, b, B = _forms(beta, k, first, second)
+    return [row[0] for row in solve([[2 * v for v in row] for row in B], [[-v] for v in b])]
 
 
 def _forms(beta: Vector, k: int, first: Sequence[int], second: Sequence[int]) -> tuple[Decimal, Vector, Matrix]:
@@ -135,21 +122,6 @@ def _forms(beta: Vector, k: int, first: Sequence[int], second: Sequence[int]) ->
             B[i - 1][j - 1] += value / 2
             B[j - 1][i - 1] += value / 2
     return c, b, B
-
-
-def _on_face(b: Vector, B: Matrix, held: tuple[int, ...]) -> Vector | None:
-    """Stationary point with the coordinates ``held`` at -1 or 1; 0 leaves one free."""
-    free = [i for i, side in enumerate(held) if side == 0]
-    point = [Decimal(side) for side in held]
-    if free:
-        right = [[-b[i] - 2 * sum((B[i][j] * point[j] for j in range(len(b))), Decimal(0))] for i in free]
-        try:
-            found = solve([[2 * B[i][j] for j in free] for i in free], right)
-        except ZeroDivisionError:
-            return None
-        for i, value in zip(free, found, strict=True):
-            point[i] = value[0]
-    return point
 
 
 def digits(found: object, reference: Sequence[Decimal]) -> float:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
@@ -26,8 +25,8 @@ from seqrsm.fit.least_squares import AliasedError, fit_least_squares
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.records import RunRecord, ScoreRecord
 
-MEASURES = ("coefficients", "standard errors", "prediction half-width", "optimum")
-LEVEL = 0.95
+MEASURES = ("coefficients", "standard errors", "stationary point", "answer")
+"""The last: recommended settings and half-width, against the first case of an axis that should not change them."""
 
 
 @dataclass
@@ -39,6 +38,7 @@ class Row:
     condition: float = float("nan")
     digits: dict[str, float] = field(default_factory=dict)
     does: str = ""
+    answer: tuple[float, ...] = ()
 
 
 def truth(k: int, seed: int = 1) -> np.ndarray:
@@ -142,21 +142,33 @@ def case(
     coded = [term["coded"] for term in answer["terms"]]
     row.digits["coefficients"] = ex.digits([c["estimate"] for c in coded], reference.beta)
     row.digits["standard errors"] = ex.digits([c["se"] for c in coded], reference.se)
-    place = [answer["optimum"]["coded"][name] for name in spec.region.names]
-    best = ex.box_maximiser(reference.beta, len(ranges), first, second)
-    if best is not None:
-        row.digits["optimum"] = ex.places(place, best)
-    # The interval at the program's own optimum: a place is judged by itself.
-    z0 = ex.quadratic_rows([[v] for v in ex.exact(place)], first, second)[0]
-    half = Decimal(float(stats.t.ppf(0.5 + 0.5 * LEVEL, len(y) - model.p)))
-    half *= reference.s * (1 + reference.variance(z0)).sqrt()
-    row.digits["prediction half-width"] = ex.digits(answer["optimum"]["prediction"]["half_width"], [half])
+    if answer["stationary_point"] is not None:
+        told = [answer["stationary_point"]["exact"]["coded"][name] for name in spec.region.names]
+        row.digits["stationary point"] = ex.digits(told, ex.stationary(reference.beta, len(ranges), first, second))
+    optimum = answer["optimum"]
+    row.answer = (optimum["prediction"]["half_width"], *(optimum["coded"][name] for name in spec.region.names))
     natural = reference.mapped(natural_map(ranges, first, second, scale))
     row.digits["natural coefficients"] = ex.digits([t["natural"]["estimate"] for t in answer["terms"]], natural.beta)
     row.digits["natural standard errors"] = ex.digits([t["natural"]["se"] for t in answer["terms"]], natural.se)
     # What has to do with digits comes first: other remarks may cut it off where space is short.
     row.does = " ".join(sorted(found.warnings, key=lambda text: "extrapolation" in text))
     return row
+
+
+def unchanged(rows: Iterator[Row], unit: Callable[[float], float] = lambda at: 1.0) -> Iterator[Row]:
+    """Cases of an axis that should not change the answer, with the digits in which it is that of the first.
+
+    ``unit``: of the scores, at a place on the axis.
+    """
+    first: tuple[Decimal, ...] = ()
+    for row in rows:
+        if row.answer:
+            scaled = (Decimal(row.answer[0]) / Decimal(unit(row.x)), *map(Decimal, row.answer[1:]))
+            first = first or scaled
+            row.digits["answer"] = min(
+                ex.digits(float(scaled[0]), first[:1]), ex.places(list(map(float, scaled[1:])), first[1:])
+            )
+        yield row
 
 
 def natural_map(ranges: list[tuple[float, float]], first: list[int], second: list[int], scale: str) -> ex.Matrix:
@@ -288,11 +300,11 @@ def nist_sets() -> list[dict[str, object]]:
 
 
 STUDIES = {
-    "coding, linear": coding,
-    "coding, log": lambda: coding("log"),
+    "coding, linear": lambda: unchanged(coding()),
+    "coding, log": lambda: unchanged(coding("log")),
     "near-singular design": near_singular,
     "noise": noise_level,
-    "offset of the scores": offset,
-    "unit of the scores": scale,
+    "offset of the scores": lambda: unchanged(offset()),
+    "unit of the scores": lambda: unchanged(scale(), lambda at: at),
     "factors": size,
 }

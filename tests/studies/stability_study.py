@@ -25,14 +25,15 @@ import stability_exact as exact
 import stability_fit as fit
 
 ENOUGH = 6.0  # digits that no decision of a campaign can tell from the exact number
+SAME = 3.0  # digits in which an answer, which rests on a search for a process's lengths, should not change
 TOLERABLE = 1e-3  # relative error of a pixel's power, 0.004 dB; of a brightness, as a share of the noise
 
-MEASURES = ("coefficients", "standard errors", "prediction half-width", "optimum")
+MEASURES = fit.MEASURES
 COLOURS = {
     "coefficients": "#0072b2",
     "standard errors": "#d55e00",
-    "prediction half-width": "#009e73",
-    "optimum": "#cc79a7",
+    "stationary point": "#cc79a7",
+    "answer": "#009e73",
     "coefficients, limit of double columns": "0.55",
     "uncoded, this solver": "#e69f00",
     "uncoded, numpy lstsq": "black",
@@ -76,8 +77,14 @@ def judged(study: str) -> str:
 
 
 def fit_breaks(rows: Sequence[fit.Row]) -> list[fit.Row]:
-    """Cases that are refused, or have fewer than `ENOUGH` digits in some measure."""
-    return [r for r in rows if r.does.startswith("refuses") or min(r.digits.get(m, 16.0) for m in MEASURES) < ENOUGH]
+    """Cases that are refused, or have fewer digits than `ENOUGH` in some measure or `SAME` in the answer."""
+    return [r for r in rows if r.does.startswith(("refuses", "No error")) or _least(r) < ENOUGH]
+
+
+def _least(row: fit.Row) -> float:
+    """Least digits of any measure; those of an answer count as far as they are fewer than `SAME`."""
+    answer = row.digits.get("answer", 16.0)
+    return min(answer if answer < SAME else 16.0, *(row.digits.get(m, 16.0) for m in MEASURES[:-1]))
 
 
 def engine_breaks(study: str, rows: Sequence[engine.Row]) -> list[engine.Row]:
@@ -184,7 +191,7 @@ def plot_fit(studies: dict[str, list[fit.Row]], path: Path) -> None:
     handles = {h.get_label(): h for axes in panels for h in axes.get_legend_handles_labels()[0]}
     panels[len(studies)].legend(
         handles.values(), handles.keys(), loc="center", frameon=False,
-        title="yellow: fewer than 6 digits; red: refused, or s = 0 said to be unknown",
+        title="yellow: too few digits; red: refused, or s = 0 said to be unknown",
     )  # fmt: skip
     for axes in panels[len(studies) :]:
         axes.axis("off")
@@ -238,27 +245,31 @@ regenerates this page, its plots and [`stability.csv`](stability.csv), which hol
 Digits of the statistics are counted against least squares in {digits}-digit decimal arithmetic on the same doubles
 (itself checked against rational arithmetic: {check:.0f} digits). What is measured is what `seqrsm fit --json` prints.
 `limit of double columns` is the exact solution from model columns rounded to double: no solver that is handed such
-columns can do better. A case counts as broken when a coefficient, a standard error, the half-width of the prediction
-interval or a coded setting of the optimum has fewer than {enough:g} correct digits, or the program refuses it.
+columns can do better. *Answer*: digits in which the recommended settings (coded) and the half-width of the prediction
+interval are those of the first case, where the axis should not change them; they rest on the posterior of quadratic and
+departure, whose search for lengths ends at 8 digits or so. A case counts as broken when a coefficient, a standard error
+or a coordinate of the stationary point has fewer than {enough:g} correct digits, the answer fewer than {same:g}, or the
+program refuses it.
 
 ## In short
 
-{summary}![Correct digits of coefficients, standard errors, half-width and optimum](fit.png)
+{summary}![Correct digits of coefficients, standard errors, stationary point and answer](fit.png)
 
 """
 
 READING = {
     "coding, linear": "Coding takes all of it: the columns the solver sees do not depend on where a range lies. "
     "Without coding the same solver loses two digits for each decade and refuses at 1e7; numpy's `lstsq` is wrong "
-    "without a word from 1e4 on.",
+    "without a word from 1e4 on. The runs' own settings are rounded, to 1e-6 of the range at 1e10: from 1e11 on that "
+    "moves the answer.",
     "coding, log": "The logarithm of a value next to the low end is taken of their ratio, by `log1p`. As a difference "
-    "of two logarithms, as it was before this study, 2 digits were left at 1e12.",
+    "of two logarithms, as it was before this study, 2 digits were left at 1e12. The answer holds to 1e8.",
     "near-singular design": "Digits fall with the condition number as they must for columns held as doubles: the "
     "solver stays on that limit. From a condition number of 1e3 on `fit` warns, from about 1e15 it refuses and names "
-    "the terms. The optimum lies at the border, which costs nothing to find.",
+    "the terms.",
     "noise": "Scores around 60 end at 1e-14, so what is left of a scatter below 1e-12 is rounding. There the fit is "
     "declared exact, and s, standard errors and intervals are said to be unknown instead of being printed as rounding. "
-    "Before that they lose a digit a decade with the columns; coefficients and optimum lose none.",
+    "Before that they lose a digit a decade with the columns; coefficients lose none.",
     "offset of the scores": "Coefficients, s and standard errors are those of the scores as given, to the last digit, "
     "thanks to refinement with residuals in twice the precision. The half-width is taken from the two ends of the "
     "interval, which are numbers near the offset: at 1e9 it has {at_1e9:.0f} digits. At 1e15 the scores themselves "
@@ -271,8 +282,8 @@ READING = {
 def fit_table(name: str, rows: Sequence[fit.Row]) -> list[str]:
     keep = rows if len(rows) <= 19 else rows[:: -(-len(rows) // 15)]
     lines = [
-        f"| {AXES[name].partition(',')[0]} | condition | coefficients | limit | standard errors | half-width | "
-        "optimum | what `fit` says |",
+        f"| {AXES[name].partition(',')[0]} | condition | coefficients | limit | standard errors | stationary point | "
+        "answer | what `fit` says |",
         "|---:|---:|---:|---:|---:|---:|---:|---|",
     ]
     for r in keep:
@@ -293,7 +304,7 @@ def outcome(rows: Sequence[fit.Row]) -> tuple[str, str]:
     # From the sound side: the noise breaks at its low end, the others at their high end.
     ordered = list(rows) if rows[0] not in broken else list(reversed(rows))
     first = next(r for r in ordered if r in broken)
-    left = min(first.digits.get(m, 16.0) for m in MEASURES)
+    left = _least(first)
     says = next((r for r in ordered if r in broken and r.does.startswith(("refuses", "No error"))), None)
     does = f"computes, {left:.1f} digits are left" + (f", and warns: {first.does}" if first.does else "")
     if says is not None:
@@ -330,7 +341,7 @@ def summary(fits: dict[str, list[fit.Row]], engines: dict[str, list[engine.Row]]
 
 
 def fit_words(studies: dict[str, list[fit.Row]]) -> str:
-    at_1e9 = next(r for r in studies["offset of the scores"] if r.x == 1e9).digits["prediction half-width"]
+    at_1e9 = next(r for r in studies["offset of the scores"] if r.x == 1e9).digits["answer"]
     out = []
     for name, rows in studies.items():
         out += [f"## {name.capitalize()}", "", READING[name].format(at_1e9=at_1e9), "", *fit_table(name, rows), ""]
@@ -464,7 +475,7 @@ def main() -> None:
     plot_engine(engines, folder / "engine.png")
     write_csv(fits, nist, engines, folder / "stability.csv")
     table = summary(fits, engines)
-    head = HEAD.format(digits=exact.getcontext().prec, check=exact.check(), enough=ENOUGH, summary=table)
+    head = HEAD.format(digits=exact.getcontext().prec, check=exact.check(), enough=ENOUGH, same=SAME, summary=table)
     text = head + fit_words(fits) + "\n" + nist_words(nist) + "\n" + ENGINE_HEAD.format(tolerable=TOLERABLE)
     (folder / "README.md").write_text(text + engine_words(engines), encoding="utf-8")
 

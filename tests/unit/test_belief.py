@@ -137,6 +137,16 @@ def test_interval_of_the_mean_lies_inside_that_of_five_runs_inside_that_of_one(n
     assert np.all(five.prediction.high < one.prediction.high)
 
 
+@pytest.mark.parametrize("unit", [1e-150, 1e-30, 1e-15, 1e15])
+def test_quantiles_do_not_depend_on_the_unit_of_the_scores(unit: float) -> None:
+    rng = np.random.default_rng(3)
+    mean, se, means, sd = rng.normal(60.0, 3.0, 4), np.full(4, 0.7), rng.normal(60.0, 3.0, (9, 4)), np.full((9, 4), 0.5)
+    plain, small = (
+        _mixture_quantile(0.025, 7.0, *(u * part for part in (mean, se, means, sd)), 0.3) for u in (1.0, unit)
+    )
+    np.testing.assert_allclose(small / unit, plain, rtol=1e-12)
+
+
 def test_a_mixture_of_certainties_has_their_values() -> None:
     """What is known without any doubt, at one place of two, has no width."""
     nothing, means = np.zeros(2), np.array([[1.0, 2.0], [1.0, 2.0]])
