@@ -11,6 +11,7 @@ brightness says nothing, what is left is the guess: the mean.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,30 +36,26 @@ class ExpectedGround:
 
     Attributes
     ----------
-    share : float64 array (n_pixels, n_categories)
+    share : float64 array (n_samples, n_lines, n_categories)
         Of each cover in a footprint, by a Gaussian beam; 0 of all where no cell is.
-    temperature_k : float64 array (n_pixels,)
+    temperature_k : float64 array (n_samples, n_lines)
         Physical temperature [K], without what the date and the fields add.
     lookups : list of EmissivityLookup
         The table's own means, one for each channel.
-    air : tuple of tuple of float
-        For each sample emission [K] and transmission [1] of the air below the antenna, and the sky that the ground
-        reflects [K].
+    air : float64 array (3, n_samples)
+        Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K].
     planck_k : float
         As of `seqrsm.simulate.radiometer.prm.Meeting`.
     footprints_a_field : float
         Footprints that see one and the same field, 1 at least, of the field at a cell taken at random.
-    samples : tuple of slice
-        The pixels of each sample of a sweep, which have a look angle in common.
     """
 
     share: FloatArray
     temperature_k: FloatArray
     lookups: list[EmissivityLookup]
-    air: tuple[tuple[float, float, float], ...]
+    air: FloatArray
     planck_k: float
     footprints_a_field: float
-    samples: tuple[slice, ...]
 
 
 def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> ExpectedGround:
@@ -87,26 +84,24 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     scan = image.scan
     reach = 0.42 * np.array([scan.beamwidth_rad / scan.step_rad, radiometer.footprint_m[1] / scan.advance_m])
     both = np.column_stack([counts.astype(np.float64), warm]).reshape(*image.brightness_k.shape[1:], -1)
-    spread = scipy.ndimage.gaussian_filter(both, (*reach, 0.0)).reshape(n_pixels, -1)
-    total = np.maximum(spread[:, :-1].sum(axis=1), 1e-9)
-    kelvin_of = np.where(spread[:, -1] > 0.0, spread[:, -1] / total, 300.0)
+    spread = scipy.ndimage.gaussian_filter(both, (*reach, 0.0))
+    total = np.maximum(spread[..., :-1].sum(axis=-1), 1e-9)
+    kelvin_of = np.where(spread[..., -1] > 0.0, spread[..., -1] / total, 300.0)
     planck_k = radiometer.planck_used_k
-    share, sky = spread[:, :-1] / total[:, None], air_over(radiometer, planck_k)
-    looks, height = np.abs(scan.look_rad).tolist(), scan.height_m
-    air = tuple(
-        (float(sky.upwelling_k(look, height)), float(sky.transmission(look, height)), float(sky.sky_k(look)))
-        for look in looks
-    )
-    n_samples, n_lines = image.brightness_k.shape[1:]
-    samples = tuple(slice(s * n_lines, (s + 1) * n_lines) for s in range(n_samples))
+    share, sky = spread[..., :-1] / total[..., None], air_over(radiometer, planck_k)
+    looks, height = np.abs(scan.look_rad), scan.height_m
+    air = np.array([sky.upwelling_k(looks, height), sky.transmission(looks, height), sky.sky_k(looks)])
     sizes = np.bincount(scene.field_id[known]).astype(np.float64)
     of_footprint = max(int(known.sum()), 1) / max(int((counts.sum(axis=1) > 0).sum()), 1)
     together = max(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)) / of_footprint, 1.0)
-    return ExpectedGround(share, kelvin_of, lookups, air, planck_k, together, samples)
+    return ExpectedGround(share, kelvin_of, lookups, air, planck_k, together)
 
 
 GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
 """Moistures that are weighed [m3/m3]."""
+
+_FOOTPRINTS: Final = 8192
+"""About as many are weighed at a time, so that memory does not grow with their number."""
 
 BLOCK_M: Final = 250.0
 """Side of the squares of ground whose mean moisture is retrieved [m]."""
@@ -142,53 +137,39 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     block, n_blocks = squares_of(scene, BLOCK_M)
     ground = expected_ground(image, scene, pixel)
     radiometer = image.radiometer
-    n_channels, n_pixels = len(image.brightness_k), image.brightness_k[0].size
+    n_pixels, every = image.brightness_k[0].size, slice(None)
     spread = region_spread(scene, radiometer)
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    slopes = [_slope(image, ground, s) for s in range(len(ground.samples))]
-    together, apart = (
-        [_covariance(image, ground, s, slope, common=both) for s, slope in enumerate(slopes)] for both in (True, False)
-    )
-    costs = _costs(image, ground, np.ones((1, n_pixels)) / n_pixels, None, together)
+    dry, wet = np.moveaxis(_expected_k(image, ground, every, [0, len(MOISTURE_NODES) - 1]), -1, 0)
+    slope = (wet - dry) / (MOISTURE_NODES[-1] - MOISTURE_NODES[0])
+    together, apart = (_covariance(image, ground, slope, common=both) for both in (True, False))
+    costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
-    away = np.empty((n_channels, n_pixels))
-    k = min(int(np.searchsorted(GRID, middle, side="right")), len(GRID) - 1) - 1
-    for s, own in enumerate(ground.samples):
-        low, high = np.moveaxis(_expected_k(image, ground, s, GRID[k : k + 2]), -1, 0)
-        away[:, own] = image.brightness_k[:, s] - ((high - low) / (GRID[k + 1] - GRID[k]) * (middle - GRID[k]) + low)
-    seen = np.isfinite(away).all(axis=0) & (ground.share.sum(axis=1) > 0.0)
+    below, part = _between_nodes(np.array(middle))
+    low, high = np.moveaxis(_expected_k(image, ground, every, [int(below), int(below) + 1]), -1, 0)
+    away = (image.brightness_k - (low + part * (high - low))).reshape(len(slope), -1)
+    share = ground.share.reshape(n_pixels, -1)
+    seen = np.isfinite(away).all(axis=0) & (share.sum(axis=1) > 0.0)
     # What the table has wrong of a cover changes with the angle.
     angle = np.repeat(np.abs(image.scan.look_rad), image.brightness_k.shape[2])[:, None] / image.scan.half_angle_rad
-    covers = np.hstack([ground.share * angle**n for n in range(3)])
+    covers = np.hstack([share * angle**n for n in range(3)])
     # A footprint's weight keeps rare covers near what the table says.
     gram = covers[seen].T @ covers[seen] + np.eye(covers.shape[1])
     level_k = (covers @ np.linalg.solve(gram, covers[seen].T @ away[:, seen].T)).T
     costs = _costs(image, ground, _weights(pixel, block, n_pixels, n_blocks), level_k, apart)
     scatter = 1.0
     if seen.any():
-        wetted = [
-            own + spread**2 * slope.T[:, :, None] * slope.T[:, None, :]
-            for own, slope in zip(apart, slopes, strict=True)
-        ]
-        scatter = _scatter(ground, away - level_k, seen, wetted)
+        # Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
+        wetted = apart + spread**2 * np.einsum("asl,bsl->slab", slope, slope)
+        off = np.square(_whitened(np.nan_to_num(away - level_k).reshape(*slope.shape, 1), wetted))
+        scatter = float(off.reshape(len(slope), -1)[:, seen].sum(axis=0).mean()) / len(slope)
     moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
     found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
 
 
-def _scatter(ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, covariances: list[FloatArray]) -> float:
-    """Variance of the brightness (n_channels, n_pixels) about what is expected at the date's mean, over the stated one.
-
-    Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
-    """
-    found = np.zeros(away_k.shape[1])
-    for own, covariance in zip(ground.samples, covariances, strict=True):
-        found[own] = mahalanobis(np.nan_to_num(away_k[:, own, None]), covariance)[:, 0]
-    return float(found[seen].mean()) / len(away_k)
-
-
-def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> scipy.sparse.csr_array:
+def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> scipy.sparse.csc_array:
     """How far each footprint tells of each square (n_blocks, n_pixels): 1 where one lies inside the other."""
     known = pixel >= 0
     code = block[known] * n_pixels + pixel[known]
@@ -196,84 +177,95 @@ def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> 
     of_block, of_pixel = np.divmod(codes, n_pixels)
     in_block, in_pixel = np.bincount(block[known], minlength=n_blocks), np.bincount(pixel[known], minlength=n_pixels)
     weight = cells / np.minimum(in_block[of_block], in_pixel[of_pixel])
-    return scipy.sparse.csr_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
+    return scipy.sparse.csc_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
 
 
 def _costs(
     image: RadiometerImage,
     ground: ExpectedGround,
-    weights: FloatArray | scipy.sparse.csr_array,
+    weights: scipy.sparse.csc_array,
     level_k: FloatArray | None,
-    covariances: list[FloatArray],
+    covariance: FloatArray,
 ) -> FloatArray:
     """Sums (n, n_grid) of footprints' squared distances from what they would show at each moisture, by their weights.
 
     Brightness is higher than expected by ``level_k`` (n_channels, n_pixels); None: what footprints have in common is
-    not known, and part of the distance, as the ``covariances`` of each sample's footprints have it.
+    not known, and part of the distance, as their ``covariance`` has it. As the expected brightness is straight between
+    nodes of moisture, squared distances are parabolas there.
     """
-    total = np.zeros((weights.shape[0], len(GRID)))
-    for s, own in enumerate(ground.samples):
-        away = image.brightness_k[:, s, :, None] - _expected_k(image, ground, s, GRID)
-        cost = mahalanobis(away - (0.0 if level_k is None else level_k[:, own, None]), covariances[s])
-        total += weights[:, own] @ np.where(np.isfinite(cost), cost, 0.0)
-    return total
+    n_samples, n_lines = image.brightness_k.shape[1:]
+    at, across = (np.zeros((weights.shape[0], len(MOISTURE_NODES) - n)) for n in (0, 1))
+    some = max(_FOOTPRINTS // n_lines, 1)
+    for first in range(0, n_samples, some):
+        own = slice(first, min(first + some, n_samples))
+        pixels = slice(own.start * n_lines, own.stop * n_lines)
+        away = image.brightness_k[:, own, :, None] - _expected_k(image, ground, own, range(len(MOISTURE_NODES)))
+        if level_k is not None:
+            away -= level_k[:, pixels].reshape(*away.shape[:-1], 1)
+        away = _whitened(away, covariance[own])
+        away[~np.isfinite(away)] = 0.0
+        square, product = np.square(away).sum(axis=0), (away[..., :-1] * away[..., 1:]).sum(axis=0)
+        at += weights[:, pixels] @ square.reshape(-1, square.shape[-1])
+        across += weights[:, pixels] @ product.reshape(-1, product.shape[-1])
+    k, part = _between_nodes(GRID)
+    left = 1.0 - part
+    return np.asarray(np.square(left) * at[:, k] + np.square(part) * at[:, k + 1] + 2.0 * left * part * across[:, k])
 
 
-def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int, moisture: FloatArray) -> FloatArray:
-    """Brightness (n_channels, n_lines, n) of the footprints of a sample at some moistures [K]."""
+def _between_nodes(moisture: FloatArray) -> tuple[AnyArray, FloatArray]:
+    """Node of `MOISTURE_NODES` below some moistures, and which part of the way they lie to the next."""
     place = (moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
-    k = np.minimum(place.astype(np.int64), len(MOISTURE_NODES) - 2)
-    share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    up, through, sky = ground.air[sample]
-    out = np.empty((len(ground.lookups), len(share), len(moisture)))
+    k = np.clip(place.astype(np.int64), 0, len(MOISTURE_NODES) - 2)
+    return k, place - k
+
+
+def _expected_k(image: RadiometerImage, ground: ExpectedGround, own: slice, nodes: Sequence[int]) -> FloatArray:
+    """Brightness (n_channels, samples, n_lines, n) of footprints of some samples at some of `MOISTURE_NODES` [K]."""
+    up, through, sky = ground.air[:, own, None, None]
+    warm = radiation_equivalent_k(ground.temperature_k[own], ground.planck_k)[..., None]
+    out = np.empty((len(ground.lookups), *ground.temperature_k[own].shape, len(nodes)))
     for layer, lookup in zip(out, ground.lookups, strict=True):
-        e = share @ lookup.at_angles(math.degrees(abs(image.scan.look_rad[sample])))
-        if e.shape[1] > 1:
-            e = e[:, k] * (1.0 - (place - k)) + e[:, k + 1] * (place - k)
-        layer[:] = up + through * (e * radiation_equivalent_k(warm, ground.planck_k)[:, None] + (1.0 - e) * sky)
+        of_cover = np.moveaxis(lookup.at_angles(np.degrees(np.abs(image.scan.look_rad[own]))), -1, 0)
+        e = ground.share[own] @ (of_cover[..., list(nodes)] if of_cover.shape[-1] > 1 else of_cover)
+        layer[:] = up + through * (e * warm + (1.0 - e) * sky)
     return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
 
 
-def _slope(image: RadiometerImage, ground: ExpectedGround, sample: int) -> FloatArray:
-    """Change of brightness (n_channels, n_lines) by moisture, over all of `GRID` [K / (m3/m3)]."""
-    dry, wet = np.moveaxis(_expected_k(image, ground, sample, GRID[[0, -1]]), -1, 0)
-    return np.asarray((wet - dry) / (GRID[-1] - GRID[0]))
-
-
-def _covariance(
-    image: RadiometerImage, ground: ExpectedGround, sample: int, slope_k: FloatArray, *, common: bool
-) -> FloatArray:
-    """Covariance (n_lines, n_channels, n_channels) of the footprints' brightness about what is expected [K2].
+def _covariance(image: RadiometerImage, ground: ExpectedGround, slope_k: FloatArray, *, common: bool) -> FloatArray:
+    """Covariance (n_samples, n_lines, n_channels, n_channels) of footprints' brightness about what is expected [K2].
 
     Departures of fields from the table, H and V related as the table has them, and of their moisture from that of the
-    square, ``slope_k`` (n_channels, n_lines) for each m3/m3; the error of their temperature; the receiver's noise; and
-    where what footprints have in common is not known, the departures of dates and means, too. A footprint of several
-    covers departs by the squares of their shares.
+    square, ``slope_k`` (n_channels, n_samples, n_lines) for each m3/m3; the error of their temperature; the receiver's
+    noise; and where what footprints have in common is not known, the departures of dates and means, too. A footprint of
+    several covers departs by the squares of their shares.
     """
-    radiometer = image.radiometer
-    share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    _, through, sky = ground.air[sample]
-    own = np.square(share).sum(axis=1)
+    radiometer, squares = image.radiometer, np.square(ground.share)
+    _, through, sky = ground.air[..., None]
     heat = radiometer.temperature_field_sd_k**2 + (radiometer.temperature_date_sd_k**2 if common else 0.0)
-    out = np.empty((len(share), len(ground.lookups), len(ground.lookups)))
+    moisture = np.square(radiometer.soil_moisture_field_sd) * squares.sum(axis=-1)
+    out = np.empty((*ground.temperature_k.shape, len(slope_k), len(slope_k)))
     for a, one in enumerate(ground.lookups):
         for b, other in enumerate(ground.lookups):
             related = 1.0 if a == b else one.channel_correlation
             departure = related * one.field_sd * other.field_sd
             if common:
                 departure = departure + related * one.date_sd * other.date_sd + one.mean_sd * other.mean_sd
-            out[:, a, b] = np.square(through * (warm - sky)) * (np.square(share) @ departure) + through**2 * heat
-            out[:, a, b] += slope_k[a] * slope_k[b] * np.square(radiometer.soil_moisture_field_sd) * own
+            emitted = np.square(through * (ground.temperature_k - sky)) * (squares @ departure) + through**2 * heat
             # What footprints of one field have in common, their number does not lessen.
-            out[:, a, b] *= ground.footprints_a_field
-        out[:, a, a] += np.square(np.nan_to_num(image.nedt_k[a, sample]))
+            out[..., a, b] = (emitted + slope_k[a] * slope_k[b] * moisture) * ground.footprints_a_field
+        out[..., a, a] += np.square(np.nan_to_num(image.nedt_k[a]))
     return out
 
 
 def mahalanobis(away: FloatArray, covariance: FloatArray) -> FloatArray:
     """Squares of Mahalanobis distances (n, m) of departures (d, n, m) with covariances (n, d, d)."""
+    return np.asarray(np.square(_whitened(away, covariance)).sum(axis=0))
+
+
+def _whitened(away: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Departures (d, ..., m) with covariances (..., d, d), so turned that their squares are Mahalanobis distances."""
     root = np.linalg.inv(np.linalg.cholesky(covariance + 1e-9 * np.eye(len(away))))
-    return np.asarray(np.square(np.einsum("nab,bnm->anm", root, away)).sum(axis=0))
+    return np.asarray(np.einsum("...ab,b...m->a...m", root, away))
 
 
 def posterior_mean(costs: FloatArray, grid: FloatArray, mean: float, sd: float) -> FloatArray:

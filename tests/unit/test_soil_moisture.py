@@ -8,18 +8,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, sparse, stats
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import radiometer, scene
 
 from seqrsm.errors import SceneError
-from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
-from seqrsm.score.brightness import GRID, _expected_k, _weights, expected_ground, posterior_mean, retrieved_squares
+from seqrsm.score.brightness import (
+    GRID,
+    _costs,
+    _expected_k,
+    _weights,
+    expected_ground,
+    posterior_mean,
+    retrieved_squares,
+)
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import score_moisture
 from seqrsm.score.utilities import asked_for
@@ -126,13 +134,27 @@ def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
     r = radiometer(frequency_ghz=1.4, **BAND)
     found = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1, random_occasion=False)
     ground = expected_ground(found, s, seen_pixels(found))
-    assert ground.share.sum(axis=1) == pytest.approx(1.0)
+    np.testing.assert_allclose(ground.share.sum(axis=-1), 1.0)
     np.testing.assert_allclose(ground.temperature_k, 300.0, atol=0.01)
-    at = _expected_k(found, ground, 8, np.array([0.2]))[:, :, 0]
+    at = _expected_k(found, ground, slice(8, 9), [6])[:, 0, :, 0]  # 0.2
     # Half a kelvin of NEDT scale: the beam is a Gaussian there, and shares of cells here.
     away = found.mean_k[:, 8] - at
     assert np.abs(np.mean(away, axis=1)).max() < 1.0
     assert np.std(away, axis=1).max() < 3.0
+
+
+def test_costs_on_the_grid_are_squared_distances_from_what_is_expected_there() -> None:
+    s = land(("Bareground", "Grass"))
+    found = simulate_radiometer(s, radiometer(frequency_ghz=10.7, **BAND), load_emissivity_table(), seed=1, run_id=1)
+    ground = expected_ground(found, s, seen_pixels(found))
+    nodes = _expected_k(found, ground, slice(None), range(len(MOISTURE_NODES)))
+    covariance = np.broadcast_to([[4.0, 1.5], [1.5, 3.0]], (*nodes.shape[1:3], 2, 2))[..., : len(nodes), : len(nodes)]
+    weights = sparse.random_array((5, nodes[0, ..., 0].size), density=0.3, rng=np.random.default_rng(2), format="csc")
+    costs = _costs(found, ground, weights, None, covariance)
+    expected = np.apply_along_axis(lambda at: np.interp(GRID, MOISTURE_NODES, at), -1, nodes)
+    away = found.brightness_k[..., None] - expected
+    squares = np.einsum("aslm,slab,bslm->slm", away, np.linalg.inv(covariance), away)
+    np.testing.assert_allclose(costs, weights @ squares.reshape(-1, len(GRID)), rtol=1e-6)
 
 
 def test_squares_and_footprints_tell_of_each_other_by_what_they_share() -> None:
