@@ -2,6 +2,7 @@
 
 Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture,
 within what fields and their parts differ by (their roughness above all), dates and the table's own means, and speckle.
+Pixels at the edge of a field are left out, since trees and crops beside bare soil outshine it, most of all at HV.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import scipy
 
-from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import Evidence, evidence_of
+from seqrsm.score.evidence import default_tile_m, fields_of, layers_of, pixels_of
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import moisture_spread
@@ -35,7 +37,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     """Moisture of each bare field expected from its backscatter, and which field it is of every cell.
 
     In two steps: the date's mean from all fields, then each field's departure by that of its backscatter from the
-    others'.
+    others'. A field in which no pixel lies away from the edge is left at the date's mean.
 
     Parameters
     ----------
@@ -54,39 +56,43 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     int32 array (rows, columns)
         Place in it; -1 for cells that are not scored, not seen or show no moisture.
     """
-    evidence = evidence_of(images, scene, by="field", seed=seed, run_id=run_id)
+    base = min(images, key=lambda image: image.radar.pixel_spacing_m)
+    pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
+    unit, counts, _ = fields_of(pixels, scene, default_tile_m(base, scene))
     tables = [_tables(image, scene) for image in images]
     steps = [[look for one in at for look in one] for at in zip(*tables, strict=True)]  # the channels of all images
     first, last = (np.array([look.sigma0[:, 40] for look in steps[k]]) for k in (0, -1))
     shows = np.asarray(np.abs(_db(last) - _db(first)).max(axis=0) > _SEEN_DB)
-    kind = evidence.counts.argmax(axis=1)
+    kind = counts.argmax(axis=1)
     bare = np.flatnonzero(shows[kind])
     place = np.full(len(kind) + 1, -1, dtype=np.int32)
     place[bare] = np.arange(len(bare))
-    assert evidence.unit_of_cell is not None
-    of_cell = place[evidence.unit_of_cell]
+    of_cell, kind = place[unit], kind[bare]
     if not len(bare):
         return np.zeros(0), of_cell
-    found = [_expected_db(image, scene, evidence, bare, one) for image, one in zip(images, tables, strict=True)]
-    expected = np.concatenate([one for one, _ in found])
-    covariance = np.zeros((len(bare), len(expected), len(expected)))
+    found = [_departures_db(image, scene, of_cell, kind, one) for image, one in zip(images, tables, strict=True)]
+    away = np.concatenate([one for one, _ in found])
+    covariance = np.zeros((len(bare), len(away), len(away)))
     ends = np.cumsum([0, *(len(one) for one, _ in found)])
     for (_, own), a, b in zip(found, ends[:-1], ends[1:], strict=True):
         covariance[:, a:b, a:b] = own
-    seen = evidence.features[:, bare]
+    seen = np.isfinite(away[:, :, 0]).all(axis=0)
+    away, covariance = away[:, seen], covariance[seen]
     radar = images[0].radar
     low, high = radar.soil_moisture_low, radar.soil_moisture_high
     spread = moisture_spread(scene, radar)
-    of_date = np.square(np.stack([look.date_sd_db[kind[bare]] for look in steps[0]]))
-    of_mean = np.square(np.stack([look.mean_sd_db[kind[bare]] for look in steps[0]]))
-    common = covariance + np.einsum("cn,cd->ncd", of_date + of_mean, np.eye(len(seen)))
-    away = seen[:, :, None] - expected
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    middle = float(posterior_mean(mahalanobis(away, common).mean(axis=0)[None], FINE, centre, sd)[0])
-    at_middle = np.array([[np.interp(middle, FINE, line) for line in layer] for layer in away])
-    level = np.median(at_middle, axis=1)
-    departed = away - level[:, None, None]
-    return posterior_mean(mahalanobis(departed, covariance), FINE, middle, max(spread, 1e-6)), of_cell
+    moisture = np.full(len(bare), centre)
+    if seen.any():
+        of_date = np.square(np.stack([look.date_sd_db[kind[seen]] for look in steps[0]]))
+        of_mean = np.square(np.stack([look.mean_sd_db[kind[seen]] for look in steps[0]]))
+        common = covariance + np.einsum("cn,cd->ncd", of_date + of_mean, np.eye(len(away)))
+        middle = float(posterior_mean(mahalanobis(away, common).mean(axis=0)[None], FINE, centre, sd)[0])
+        at_middle = np.array([[np.interp(middle, FINE, line) for line in layer] for layer in away])
+        departed = away - np.median(at_middle, axis=1)[:, None, None]
+        moisture[:] = middle
+        moisture[seen] = posterior_mean(mahalanobis(departed, covariance), FINE, middle, max(spread, 1e-6))
+    return moisture, of_cell
 
 
 def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
@@ -97,44 +103,51 @@ def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
     return [look_up(scene, image.radar, table, (float(m), wind), image.day) for m in GRID]
 
 
-def _expected_db(
-    image: RadarImage, scene: Scene, evidence: Evidence, units: IntArray, steps: list[list[Sigma0Lookup]]
+def _departures_db(
+    image: RadarImage, scene: Scene, of_cell: AnyArray, kind: IntArray, steps: list[list[Sigma0Lookup]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Backscatter with the noise (n_channels, n, n_fine) of fields at each moisture [dB], and its covariance [dB2].
+    """Backscatter (n_channels, n, n_fine) of fields over what it is, with noise, at each moisture [dB]; its covariance.
 
-    The covariance (n, n_channels, n_channels) is that of fields of one cover on one date: channels are related as the
-    table has them; of the parts that fields consist of; and speckle.
+    The covariance (n, n_channels, n_channels) [dB2] is that of fields of one cover, ``kind`` (n,), on one date:
+    channels are related as the table has them; of the parts that fields consist of; and speckle. nan for fields of
+    which no pixel is seen away from their edges.
     """
-    n_azimuth = image.intensity.shape[2]
+    pixel, n_azimuth = image.pixel_of_cell, image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
-    layers = np.repeat(rows, n_azimuth, axis=1)
-    unit = evidence.unit_of_cell
-    assert unit is not None
-    theta, noise, looks = kernels_classify.mean_of_pixels(unit, image.pixel_of_cell, layers, len(evidence.counts))[
-        :, units
-    ]
-    kind = evidence.counts[units].argmax(axis=1)
-    n_channels = len(image.radar.channels)
-    found = np.empty((n_channels, len(units), len(FINE)))
-    for c in range(n_channels):
-        at = np.empty((len(GRID), len(units)))
+    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), layers_of(image)])
+    inner = np.where(_away_from_edges(image, scene), of_cell, np.int32(-1))
+    theta, noise, looks, *power = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
+    found = np.empty((len(power), len(kind), len(FINE)))
+    for c, shown in enumerate(power):
+        at = np.empty((len(GRID), len(kind)))
         for line, step in zip(at, steps, strict=True):
             for k in np.unique(kind):
                 mine = kind == k
                 line[mine] = np.interp(theta[mine], step[c].theta_deg, step[c].sigma0[k])
-        power = _db(at + noise)
-        found[c] = [np.interp(FINE, GRID, column) for column in power.T]
-    cell_area, pixel_area = scene.cell_m**2, image.range_spacing_m * image.azimuth_spacing_m
-    area = evidence.counts[units].sum(axis=1) * cell_area
-    n_looks = looks * np.maximum(area / pixel_area, 1.0)
+        expected = _db(at + noise)
+        found[c] = _db(shown)[:, None] - [np.interp(FINE, GRID, column) for column in expected.T]
+    area = np.maximum(np.bincount(inner[inner >= 0], minlength=len(kind)), 1) * scene.cell_m**2
+    n_looks = looks * np.maximum(area / (image.range_spacing_m * image.azimuth_spacing_m), 1.0)
     of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
-    covariance = np.empty((len(units), n_channels, n_channels))
+    covariance = np.empty((len(kind), len(power), len(power)))
     for a, one in enumerate(steps[0]):
         for b, other in enumerate(steps[0]):
             related = 1.0 if a == b else one.channel_correlation
             covariance[:, a, b] = related * ((one.field_sd_db * other.field_sd_db)[kind] + of_parts)
         covariance[:, a, a] += _DB**2 / n_looks
     return found, covariance
+
+
+def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:
+    """Whether a cell's pixel (rows, columns) lies, with those around it, in one field: none gets another's echo."""
+    pixel = image.pixel_of_cell
+    known = pixel >= 0
+    field = np.full(image.intensity[0].size, -1, dtype=np.int64)
+    field[pixel[known]] = scene.field_id[known]
+    field[pixel[known & (scene.field_id != field[pixel])]] = -1  # of several fields
+    square = field.reshape(image.intensity.shape[1:])
+    inside = (scipy.ndimage.minimum_filter(square, 3) == scipy.ndimage.maximum_filter(square, 3)) & (square >= 0)
+    return np.asarray(known & inside.ravel()[pixel])
 
 
 def _db(power: FloatArray) -> FloatArray:

@@ -296,9 +296,21 @@ def _of_fields(
 ) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
     """Layers, scored cells by class, tile and teaching of each field, and the field of each cell.
 
-    One larger than a tile is a field in each.
-
     A field teaches where pixels lie inside it; of a class with few such fields all do.
+    """
+    unit, counts, tile = fields_of(pixels, scene, tile_m)
+    inner = np.where(pixels.field >= 0, layers, np.nan)
+    found = kernels_classify.mean_of_pixels(unit, pixels.pixel, inner, len(counts))
+    whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(counts))
+    inside = np.asarray(np.isfinite(found).any(axis=0))
+    teaching = np.where(inside[:, None], counts, 0)
+    return np.where(np.isnan(found), whole, found), counts, tile, _or_all(teaching, counts), unit
+
+
+def fields_of(pixels: Pixels, scene: Scene, tile_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
+    """Field (rows, columns) of each scored cell that is seen, -1 for none; cells by class (n, n_classes), tile (n,).
+
+    One larger than a tile is a field in each.
     """
     cells = np.flatnonzero((pixels.pixel >= 0) & scene.scored & (scene.cover < len(scene.categories)))
     unit = np.full(scene.shape, -1, dtype=np.int32)
@@ -309,12 +321,7 @@ def _of_fields(
     unit.ravel()[cells] = own
     counts = np.zeros((len(codes), len(scene.categories)), dtype=np.int64)
     counts[np.arange(len(codes)), categories_of_fields(scene)[codes % scene.n_fields]] = np.bincount(own)
-    inner = np.where(pixels.field >= 0, layers, np.nan)
-    found = kernels_classify.mean_of_pixels(unit, pixels.pixel, inner, len(codes))
-    whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(codes))
-    inside = np.asarray(np.isfinite(found).any(axis=0))
-    teaching = np.where(inside[:, None], counts, 0)
-    return np.where(np.isnan(found), whole, found), counts, at[first], _or_all(teaching, counts), unit
+    return unit, counts, at[first]
 
 
 def _on_pixels(

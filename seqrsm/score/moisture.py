@@ -55,9 +55,12 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
     weight, truth, error = (np.concatenate(parts) for parts in zip(*(date[:3] for date in dates), strict=True))
     variance = float(np.mean([date.spread**2 for date in dates]))
+    if not any(date.seen for date in dates):
+        text = "no scored cells have retrievable soil moisture"
+        raise SceneError(Problem(text, "Choose another utility, or a scene with bare soil.", field="utility"))
     if variance == 0.0:
-        remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
-        raise SceneError(Problem("no scored cells have retrievable soil moisture", remedy, field="utility"))
+        remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
+        raise SceneError(Problem("all the ground of a run is as moist", remedy, field="utility"))
     square, se = cluster_ratio(weight * error**2, weight, np.arange(len(weight)))
     skill = 1.0 - square / variance
     details: dict[str, object] = {
@@ -74,13 +77,17 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
 
 
 class _Date(NamedTuple):
-    """Pieces of ground on one date: scored cells, moisture and error about their means (n,); bias, expected spread."""
+    """Pieces of ground on one date: scored cells, moisture and error about their means (n,); bias, expected spread.
+
+    ``seen``: some scored cells show moisture.
+    """
 
     weight: FloatArray
     truth: FloatArray
     error: FloatArray
     bias: float
     spread: float
+    seen: bool
 
 
 def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> _Date:
@@ -99,13 +106,13 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
     own, field = unit[cells], scene.field_id[cells]
     spread = 0.0 if moisture is None else expected_spread(sensor, scene, own, field)
     if moisture is None or spread == 0.0:
-        return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
+        return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0, bool(cells.any()))
     weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
     used = weight > 0.0
     truth = np.bincount(own, moisture[field], len(retrieved))[used] / weight[used]
     error = retrieved[used] - truth
     level, bias = np.average(truth, weights=weight[used]), float(np.average(error, weights=weight[used]))
-    return _Date(weight[used], truth - level, error - bias, bias, spread)
+    return _Date(weight[used], truth - level, error - bias, bias, spread, True)
 
 
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:
