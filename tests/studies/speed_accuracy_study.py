@@ -17,7 +17,7 @@ import shutil
 import subprocess
 import sys
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
@@ -64,7 +64,7 @@ class Site:
     engine: str
     factors: tuple[tuple[str, float, float], ...]
     fixed: dict[str, float | str]
-    synthetic: dict[str, Any] = field(default_factory=dict)
+    synthetic: dict[str, Any]
 
     def scene_path(self) -> str:
         """The scene's file, made at the first use."""
@@ -72,8 +72,7 @@ class Site:
         path = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-{self.name.replace(' ', '-')}-{made:08x}.npz"
         if not path.exists():
             draft = path.with_suffix(".draft.npz")
-            given = dict(self.synthetic)
-            save_scene(synthetic_scene(**given), draft)
+            save_scene(synthetic_scene(**self.synthetic), draft)
             draft.replace(path)
         return str(path)
 
@@ -81,7 +80,7 @@ class Site:
 def synthetic(size: int, cell: float, covers: tuple[str, ...], relief: float, field_m: float) -> dict[str, Any]:
     return {
         "rows": size, "cols": size, "cell_m": cell, "categories": covers, "field_m": field_m, "relief_m": relief,
-        "exponent": 3.6, "seed": 7,
+        "seed": 7,
     }  # fmt: skip
 
 
