@@ -232,7 +232,7 @@ def standalone_design(
 
 
 _QUALITY = (
-    *("d_efficiency", "i_efficiency", "g_efficiency", "d_value", "a_value", "i_value", "g_value", "condition_number"),
+    *("d_efficiency", "i_efficiency", "d_value", "a_value", "i_value", "condition_number"),
     *("rank", "n_distinct", "df_pure_error", "leverage", "fraction_of_design_space"),
 )
 """Of `DesignReport`."""

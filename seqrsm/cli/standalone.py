@@ -19,7 +19,7 @@ def design(
         int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
-    criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I, A or G.")] = "D",
+    criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I or A.")] = "D",
     factor: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=...", help="Instead of --factors: x=1:10, f=1:18:log, looks=1,2,4 or pol=HH,HV."),

@@ -37,7 +37,7 @@ def test_efficiencies_are_those_of_the_points() -> None:
     assert sum(found["leverage"]) == pytest.approx(6.0)
 
 
-@pytest.mark.parametrize("criterion", ["I", "A", "G"])
+@pytest.mark.parametrize("criterion", ["I", "A"])
 def test_each_criterion_is_better_at_its_own(criterion) -> None:
     own, other = (made("--factors", 1, "--runs", 7, "--criterion", c) for c in (criterion, "D"))
     key = f"{criterion.lower()}_value"
@@ -140,7 +140,7 @@ def test_words(tmp_path) -> None:
         (("--factor", "a=1:x", "--runs", 9), "a=1:x"),
         (("--factor", "a=0:1:log", "--runs", 9), "log"),
         (("--factor", "a=1:2", "--factor", "a=1:3", "--runs", 9), "a"),
-        (("--factors", 2, "--runs", 9, "--criterion", "E"), "D, I, A, G"),
+        (("--factors", 2, "--runs", 9, "--criterion", "G"), "D, I, A"),
         (("--factors", 2, "--design", "moon"), "ccd-rotatable"),
         (("--factors", 1, "--design", "ccd-face"), "two or more"),
         (("--factors", 3, "--design", "ccd-face", "--runs", 9), "17 runs"),
@@ -166,6 +166,4 @@ def test_the_centre_leaves_runs_to_choose() -> None:
 
 def test_runs_beyond_the_bounds_have_no_efficiency_in_the_region() -> None:
     found = made("--factors", 8, "--design", "ccd-rotatable")
-    assert found["g_efficiency"] is None
     assert found["d_efficiency"] is None
-    assert 45.0 / found["g_value"] > 1.0
