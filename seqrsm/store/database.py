@@ -1,8 +1,8 @@
-"""Connections to the campaign's database: opening, creating, migrating, and short transactions.
+"""Connections to the campaign's database: opening, creating, and short transactions.
 
 SQLite runs in WAL mode with synchronous FULL, so a score that was acknowledged survives a loss of power; PostgreSQL
 does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row of ``alembic_version``), so that
-the same code is right on both, and none writes into tables that a newer version has changed meanwhile. On a network
+the same code is right on both, and none writes into tables of another version. On a network
 file system, where the hosts cannot share WAL's memory, SQLite keeps a rollback journal. A file that may not be written
 is read as it is.
 """
@@ -17,7 +17,7 @@ import sqlite3
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -30,7 +30,7 @@ from sqlalchemy import event, exc
 from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
-from seqrsm.store.schema import FIRST, META, METADATA, MIGRATIONS
+from seqrsm.store.schema import META, METADATA, VERSION
 
 BUSY_TIMEOUT_S = 30.0
 RECONNECT_S = 60.0
@@ -61,29 +61,18 @@ class Database:
         Make the tables when there are none; otherwise their absence is an error.
     campaign : str
         Name that a new database gets; an existing one of another name is refused when this is not empty.
-    migrations : mapping of str to sequence of str
-        Statements that make each schema version from the one before, oldest first (replaced in tests only).
 
     Raises
     ------
     StoreError
-        It cannot be opened: missing, read-only, damaged, newer than the program, or another campaign's.
+        It cannot be opened: missing, read-only, damaged, of another version, or another campaign's.
     """
 
-    def __init__(
-        self,
-        location: Path | str,
-        *,
-        create: bool = False,
-        campaign: str = "",
-        migrations: Mapping[str, Sequence[str]] = MIGRATIONS,
-    ) -> None:
+    def __init__(self, location: Path | str, *, create: bool = False, campaign: str = "") -> None:
         self.path = location if isinstance(location, Path) else None
         self.network, self.read_only = "", False
         self._identity: tuple[int, int] | None = None
         self._rescued = ""
-        self._migrations = migrations
-        self._versions = (FIRST, *migrations)
         if self.path is not None:
             _check_path(self.path, create)
             with suppress(OSError):
@@ -122,8 +111,7 @@ class Database:
         with _interrupted_later(), self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
-                if (version := _locked(connection)) != self._versions[-1]:
-                    raise self._newer(version)
+                self._check_version(_locked(connection))
                 yield connection
             self._see_file()
 
@@ -200,10 +188,8 @@ class Database:
                     Problem("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
                 )
             self._create(campaign)
-        elif version not in self._versions:
-            raise self._newer(version)
-        elif version != self._versions[-1]:
-            self._migrate(version)
+        else:
+            self._check_version(version)
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
         if name is None:
@@ -214,10 +200,11 @@ class Database:
             raise StoreError(Problem(message, remedy, file=self.label))
         self.campaign = name
 
-    def _newer(self, version: str) -> StoreError:
-        known = f"schema {version}, known up to {self._versions[-1]}, program {__version__}"
-        message = f"the database was written by a newer seqrsm than this one ({known})"
-        return StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
+    def _check_version(self, version: str) -> None:
+        if version != VERSION:
+            known = f"schema {version}; seqrsm {__version__} has {VERSION}"
+            message = f"the database was written by another version of seqrsm ({known})"
+            raise StoreError(Problem(message, "Use the version that wrote it.", file=self.label))
 
     def _create(self, campaign: str) -> None:
         with self._engine.connect() as connection:
@@ -232,28 +219,9 @@ class Database:
                 rows = {"campaign": campaign, "created_at": utc_now(), "created_version": __version__}
                 connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
                 connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
-                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": self._versions[-1]})
+                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": VERSION})
                 if connection.dialect.name == "sqlite":
                     connection.exec_driver_sql(f"PRAGMA application_id = {_APPLICATION_ID}")
-
-    def _migrate(self, version: str) -> None:
-        if self.path is not None:
-            if self.read_only:
-                message = f"the database has the older schema {version}, and may not be written"
-                raise StoreError(Problem(message, _RIGHTS, file=self.label))
-            with self._engine.connect() as connection:
-                _copy_into(connection, self.path.with_name(f"{self.path.name}.schema-{version}.{_stamp()}.bak"))
-        with self._engine.connect() as connection:
-            connection = connection.execution_options(seqrsm_write=True)
-            with _unchecked_references(connection), connection.begin():
-                # Another process may have migrated while we waited for the lock.
-                if _locked(connection) == version:
-                    types = _TYPES[connection.dialect.name]
-                    for newer in self._versions[self._versions.index(version) + 1 :]:
-                        for statement in self._migrations[newer]:
-                            connection.exec_driver_sql(statement.format_map(types))
-                    connection.execute(sa.update(_VERSION).values(version_num=self._versions[-1]))
-                    _check_references(connection, self.label)
 
     # -- errors ---------------------------------------------------------------------------------------------------
 
@@ -283,10 +251,6 @@ class Database:
 
 
 _VERSION = sa.table("alembic_version", sa.column("version_num"))  # so named when alembic migrated
-_TYPES = {
-    "sqlite": {"key": "INTEGER", "double": "DOUBLE"},
-    "postgresql": {"key": "SERIAL", "double": "DOUBLE PRECISION"},
-}
 _SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
@@ -451,25 +415,6 @@ def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
             if "locked" not in str(error) or time.monotonic() > deadline:
                 raise
             time.sleep(0.01)
-
-
-@contextmanager
-def _unchecked_references(connection: sa.Connection) -> Iterator[None]:
-    """SQLite changes a table by making it anew, while others refer to it; it heeds this switch before a transaction."""
-    raw = connection.connection.driver_connection
-    if not isinstance(raw, sqlite3.Connection):
-        yield
-        return
-    raw.execute("PRAGMA foreign_keys = OFF")
-    try:
-        yield
-    finally:
-        raw.execute("PRAGMA foreign_keys = ON")
-
-
-def _check_references(connection: sa.Connection, label: str) -> None:
-    if connection.dialect.name == "sqlite" and connection.exec_driver_sql("PRAGMA foreign_key_check").first():
-        raise StoreError(Problem("the migration would break references between tables", _RESTORE, file=label))
 
 
 def _begin_sqlite(connection: sa.Connection) -> None:
