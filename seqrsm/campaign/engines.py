@@ -160,7 +160,7 @@ ENGINES: Mapping[str, Engine] = {
 _FIELD = "[[application]] utility"
 
 
-def check_utility(text: str, engines: Collection[str], *, several: bool) -> None:
+def check_utility(text: str, engines: Collection[str]) -> None:
     """Refuse a utility that images of these engines cannot be scored by, or that cannot be imported.
 
     Parameters
@@ -169,8 +169,6 @@ def check_utility(text: str, engines: Collection[str], *, several: bool) -> None
         As in ``campaign.toml``.
     engines : collection of str
         "psm", "prm" or both.
-    several : bool
-        Several images are scored together.
 
     Raises
     ------
@@ -181,12 +179,6 @@ def check_utility(text: str, engines: Collection[str], *, several: bool) -> None
         find_utility(text)
         return
     row = asked_for(text).row
-    if several and row.function and not row.several:
-        able = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if other.several)
-        remedy = f'Use {able}, or "module:function" of a sequence of images, or a single sensor on a single date.'
-        raise SpecError(
-            Problem("this utility scores one image, but there are several", remedy, field=_FIELD, value=text)
-        )
     if not set(engines) <= set(row.engines):
         known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
         remedy = f'Use {known} or "module:function", or ingest measured scores.'

@@ -203,7 +203,7 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        check_utility(name, (spec.simulator.engine,), several=False)
+        check_utility(name, (spec.simulator.engine,))
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
@@ -453,7 +453,7 @@ def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
     """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
     made = task.acquisitions
     for _, utility in task.utilities:
-        check_utility(utility, {one.engine for one in made}, several=len(made) > 1)
+        check_utility(utility, {one.engine for one in made})
     notes: list[str] = []
     for one in made:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):

@@ -20,7 +20,6 @@ from seqrsm.score.classification import (
     UtilityScore,
     by_map_alone,
     classify,
-    classify_by_forest,
     cluster_ratio,
     named,
     taught,
@@ -91,10 +90,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         remedy = f"The scene has {', '.join(categories)}."
         raise SceneError(Problem("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown)))
     covers = [categories.index(name) for name in asked.covers]
-    if asked.name == "detection":
-        found = _at_false_alarms(evidence, taught(evidence), covers)
-    else:
-        found = classify_by_forest(evidence) if asked.classifier == "random_forest" else classify(evidence)
+    found = _at_false_alarms(evidence, taught(evidence), covers) if asked.name == "detection" else classify(evidence)
     by_tile = found.confusion
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
@@ -104,7 +100,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         )
     if asked.name == "percent_correct":
         cells = by_tile.sum(axis=(1, 2))
-        value, se = cluster_ratio(np.trace(by_tile, axis1=1, axis2=2), cells, np.arange(len(by_tile)))
+        value, se = cluster_ratio(np.trace(by_tile, axis1=1, axis2=2), cells)
         value, se = 100.0 * value, 100.0 * se
     else:
         value = float(measure(total, asked.name, covers))

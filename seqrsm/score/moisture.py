@@ -58,7 +58,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     if variance == 0.0:
         remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
         raise SceneError(Problem("no scored cells have retrievable soil moisture", remedy, field="utility"))
-    square, se = cluster_ratio(weight * error**2, weight, np.arange(len(weight)))
+    square, se = cluster_ratio(weight * error**2, weight)
     skill = 1.0 - square / variance
     details: dict[str, object] = {
         "truth_sd": float(np.sqrt(np.cov(truth, aweights=weight, ddof=0))),
