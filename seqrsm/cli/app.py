@@ -400,19 +400,11 @@ def status(
     history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show runs, optimum, intervals and decision. For a folder of campaigns, one line each."""
-    from seqrsm.campaign.status import campaign_status, campaigns_in, overview
-    from seqrsm.cli.show import show_overview
+    """Show runs, optimum, intervals and decision."""
+    from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show_fit import show_status
     from seqrsm.spec.read import load_spec
 
-    if folders := campaigns_in(folder):
-        if history:
-            raise UserError(Problem("--history needs a single campaign", f"Name one: {folders[0]}", field="--history"))
-        with display("reading", inner=False) as shown:
-            found = overview(folders, partial(shown.count, "reading"))
-        print_json({"campaigns": found}) if as_json else show_overview(found)
-        return
     with display("reading"):
         result = campaign_status(folder, history=history)
     print_json(result) if as_json else show_status(load_spec(folder), result)

@@ -15,10 +15,10 @@ from seqrsm.errors import Problem, UserError
 
 @guarded
 def design(
+    runs: Annotated[int, typer.Option(min=1, help="Number of runs.")],
     factors: Annotated[
         int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
     criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I or A.")] = "D",
     factor: Annotated[
         list[str] | None,
@@ -27,11 +27,8 @@ def design(
     constraint: Annotated[
         list[str] | None, typer.Option(metavar="EXPR", help="Constraint, such as 'a + b <= 1'.")
     ] = None,
-    kind: Annotated[
-        str, typer.Option("--design", help="optimal, factorial, factorial3, ccd-face, ccd-rotatable or ccd-inscribed.")
-    ] = "optimal",
     order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
-    centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,
+    centre: Annotated[int, typer.Option(min=0, help="Runs at the centre.")] = 0,
     prior_runs: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV of runs already made, which the design augments.")
     ] = None,
@@ -40,17 +37,14 @@ def design(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
 ) -> None:
-    """Make and evaluate a stand-alone design.
-
-    Searches for an optimal design for a polynomial model, or makes a classical one.
-    """
+    """Make and evaluate a stand-alone optimal design for a polynomial model."""
     from seqrsm.cli.designs import factors_of, standalone_design, write_design
     from seqrsm.cli.show import show_design
 
     with display("searching"):
         result = standalone_design(
-            factors_of(factors, factor or ()), constraint or (), runs=runs, kind=kind, criterion=criterion,
-            order=order, centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
+            factors_of(factors, factor or ()), constraint or (), runs=runs, criterion=criterion, order=order,
+            centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
         )  # fmt: skip
     if csv is not None:
         write_design(csv, result)

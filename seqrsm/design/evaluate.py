@@ -1,4 +1,4 @@
-"""How good a design is: efficiencies, prediction variance over the region, conditioning, terms that it cannot tell."""
+"""How good a design is: efficiencies, prediction variance over the region, conditioning; terms not told apart."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from seqrsm.design.region import Region
 _D_BOUND = (0.5291336839893998, 0.4745937662, 0.4744782067, 0.4885696454, 0.5068587164, 0.5259919962, 0.5446948684)
 _I_BOUND = (2.1333333333333333, 3.586215760, 5.275409587, 7.163453067, 9.232581693, 11.473244551, 13.879544375)
 
-_ALIAS_TOLERANCE = 1e-8
+_TOLERANCE = 1e-8
 _SAMPLE = 10_000
 _SEED = 71_993
 _SEQUENCE, _ENOUGH, _MOMENTS_SEED = 1 << 17, 1000, 33_391
-_ALIASES = 6  # named in an alias; those of an unstructured design are many and small
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,16 +32,12 @@ class DesignReport:
 
     Attributes
     ----------
-    n_runs, n_terms, rank : int
-        N, p, and the rank of the model matrix.
-    aliases : tuple of str
-        For each term that is a combination of the others at these runs that combination, as in
-        ``"x^2 = +1 intercept"``.
+    n_runs, n_terms : int
+        N and p.
     condition_number : float
-        Of the column-scaled model matrix; inf where the rank is short.
+        Of the column-scaled model matrix.
     d_value, a_value, i_value : float
-        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region; nan where
-        the rank is short.
+        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region.
     d_efficiency, i_efficiency : float or None
         Against the best continuous design, where tabulated and all runs lie in the region.
     fraction_of_design_space : ndarray (101,)
@@ -55,8 +50,6 @@ class DesignReport:
 
     n_runs: int
     n_terms: int
-    rank: int
-    aliases: tuple[str, ...]
     condition_number: float
     d_value: float
     a_value: float
@@ -77,55 +70,24 @@ def continuous_bound(model: QuadraticModel, criterion: str) -> float | None:
     return {"D": _D_BOUND, "I": _I_BOUND}[criterion][k - 1]
 
 
-def condition(Z: FloatArray) -> tuple[float, int]:
-    """Condition number and rank of a model matrix (n, p) after scaling its columns to length one."""
-    norms = np.linalg.norm(Z, axis=0)
-    scaled = Z / np.where(norms > 0.0, norms, 1.0)
-    values = np.linalg.svd(scaled, compute_uv=False)
-    rank = int(np.count_nonzero(values > _ALIAS_TOLERANCE * values[0])) if values.size and values[0] > 0.0 else 0
-    full = rank == Z.shape[1]
-    return (float(values[0] / values[-1]) if full else np.inf), rank
+def condition(Z: FloatArray) -> float:
+    """Condition number of a model matrix (n, p) whose columns are scaled to length one."""
+    return float(np.linalg.cond(Z / np.linalg.norm(Z, axis=0)))
 
 
-def inestimable_terms(
-    model: QuadraticModel, points: FloatArray, tolerance: float = _ALIAS_TOLERANCE
-) -> tuple[str, ...]:
+def inestimable_terms(model: QuadraticModel, points: FloatArray, tolerance: float = _TOLERANCE) -> tuple[str, ...]:
     """Names of terms of which these points (n, k) leave no more than such a share beside the terms before them."""
-    return tuple(name for name, _ in _dependences(model, points, tolerance))
-
-
-def _dependences(
-    model: QuadraticModel, points: FloatArray, tolerance: float = _ALIAS_TOLERANCE
-) -> list[tuple[str, FloatArray]]:
-    """Terms in model order that add nothing to those before them, each with its coefficients (p,) on these."""
     Z = model.matrix(points)
     kept: list[int] = []
-    found: list[tuple[str, FloatArray]] = []
-    for column in range(model.p):
+    found = []
+    for column, term in enumerate(model.terms):
         z = Z[:, column]
-        coefficients = np.zeros(model.p)
-        rest = z
-        if kept:
-            solution = np.linalg.lstsq(Z[:, kept], z, rcond=None)[0]
-            coefficients[kept] = solution
-            rest = z - Z[:, kept] @ solution
+        rest = z - Z[:, kept] @ np.linalg.lstsq(Z[:, kept], z, rcond=None)[0] if kept else z
         if np.linalg.norm(rest) <= tolerance * max(float(np.linalg.norm(z)), 1e-300):
-            found.append((model.terms[column].name, coefficients))
+            found.append(term.name)
         else:
             kept.append(column)
-    return found
-
-
-def alias_relations(model: QuadraticModel, points: FloatArray) -> tuple[str, ...]:
-    """Each inestimable term written as a combination of the others, as in ``"x^2 = +1 intercept"``."""
-    relations = []
-    for name, coefficients in _dependences(model, points):
-        held = np.flatnonzero(np.abs(coefficients) > 1e-6)
-        largest = held[np.argsort(-np.abs(coefficients[held]), kind="stable")[:_ALIASES]]
-        parts = [f"{coefficients[t]:+.4g} {model.terms[t].name}" for t in np.sort(largest)]
-        more = f" and {len(held) - _ALIASES} others" if len(held) > _ALIASES else ""
-        relations.append(f"{name} = {' '.join(parts) or '0'}{more}")
-    return tuple(relations)
+    return tuple(found)
 
 
 def prediction_variance(model: QuadraticModel, points: FloatArray, at: FloatArray) -> FloatArray:
@@ -141,21 +103,14 @@ def prediction_variance(model: QuadraticModel, points: FloatArray, at: FloatArra
 
 
 def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -> DesignReport:
-    """Figures of any design: see :class:`DesignReport`.
+    """Figures of a design that can estimate every term: see :class:`DesignReport`.
 
     Mean variance from the region's moments; the fraction-of-design-space curve from 10000 random points (Zahran,
     Anderson-Cook & Myers 2003, J. Quality Technology 35, 377-386).
     """
     Z = model.matrix(points)
     n, p = Z.shape
-    number, rank = condition(Z)
     distinct = np.unique(np.round(points, 9), axis=0).shape[0]
-    if rank < p:
-        nan = float("nan")
-        return DesignReport(
-            n, p, rank, alias_relations(model, points), number, nan, nan, nan, None, None,
-            np.full(101, nan), np.full(n, nan), distinct, n - distinct,
-        )  # fmt: skip
     R = qr(Z, mode="r")[0][:p]
     inverse_root = solve_triangular(R, np.eye(p))
     inverse = inverse_root @ inverse_root.T
@@ -168,9 +123,7 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     return DesignReport(
         n_runs=n,
         n_terms=p,
-        rank=rank,
-        aliases=(),
-        condition_number=number,
+        condition_number=condition(Z),
         d_value=d_value,
         a_value=n * float(np.trace(inverse)) / p,
         i_value=i_value,
