@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import SpecError, UserError
 from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
@@ -182,7 +182,7 @@ def check_utility(text: str, engines: Collection[str]) -> None:
     if not set(engines) <= set(row.engines):
         known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
         remedy = f'Use {known} or "module:function", or ingest measured scores.'
-        raise SpecError(Problem("this engine cannot score the utility", remedy, field=_FIELD, value=text))
+        raise SpecError("this engine cannot score the utility", remedy, field=_FIELD, value=text)
 
 
 def score_by(
@@ -213,7 +213,7 @@ def find_utility(name: str) -> Callable[..., Any]:
     except Exception as error:  # the user's module may do anything
         text = f"the utility cannot be imported: {_words(error)}"
         remedy = "Put its module beside campaign.toml, or install its package."
-        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+        raise SpecError(text, remedy, field=_FIELD, value=name) from error
 
 
 def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:
@@ -233,16 +233,16 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"the utility failed: {_words(error)}"
         remedy = f"See line {place.lineno} of {place.filename}."
-        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+        raise SpecError(text, remedy, field=_FIELD, value=name) from error
     if isinstance(found, int | float | np.number) and not isinstance(found, bool):
         found = UtilityScore(float(found))
     if not isinstance(found, UtilityScore):
         text = (
             f"the utility returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
         )
-        raise SpecError(Problem(text, "Return one of them.", field=_FIELD, value=name))
+        raise SpecError(text, "Return one of them.", field=_FIELD, value=name)
     if not math.isfinite(found.value):
-        raise SpecError(Problem(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name))
+        raise SpecError(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name)
     return found
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from seqrsm import __version__
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.errors import StoreError, UserError
 from seqrsm.files import put
 from seqrsm.own_code import file_of, located
 from seqrsm.score.cells import FactorColumn
@@ -69,7 +69,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
             names = [column.name for column in fields(made)]
             texts[target.with_suffix(f".{kind}.csv")] = csv_text(names, [astuple(record) for record in records])
     else:
-        raise StoreError(Problem("unknown kind of export", "Name a .csv or .json file.", file=str(target)))
+        raise StoreError("unknown kind of export", "Name a .csv or .json file.", file=str(target))
     for file, text in texts.items():
         put(file, text.encode("utf-8"))
     return tuple(texts)
@@ -215,5 +215,5 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     """
     header, rows = form_rows(spec, runs)
     if path.exists():
-        raise UserError(Problem("the file exists already", "Name a new file.", file=str(path)))
+        raise UserError("the file exists already", "Name a new file.", file=str(path))
     put(path, csv_text(_with_units(header, spec), rows).encode("utf-8"))

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 from seqrsm.campaign.export import FORMAT, own_functions, without_store
-from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.errors import StoreError, UserError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord, misfit
@@ -51,20 +51,20 @@ def rebuild(source: Path, folder: Path, *, trust_code: bool = False) -> None:
 
 def _read(source: Path) -> Mapping[str, Any]:
     if not source.is_file():
-        raise StoreError(Problem("there is no such file", "Check the name.", file=str(source)))
+        raise StoreError("there is no such file", "Check the name.", file=str(source))
     if source.stat().st_size > MAX_BYTES:
-        raise StoreError(Problem(f"the file is larger than {MAX_BYTES // 1_000_000} MB", _AGAIN, file=str(source)))
+        raise StoreError(f"the file is larger than {MAX_BYTES // 1_000_000} MB", _AGAIN, file=str(source))
     try:
         document = json.loads(source.read_bytes().decode("utf-8-sig"))
         json.dumps(document, allow_nan=False)  # JSON knows no nan, and no number without end
     except (ValueError, RecursionError) as error:
-        raise StoreError(Problem(f"this is not a JSON document: {error}", _AGAIN, file=str(source))) from None
+        raise StoreError(f"this is not a JSON document: {error}", _AGAIN, file=str(source)) from None
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:
         message = "this is not an export that this program can rebuild"
         newer = str(found).startswith(FORMAT.rstrip("0123456789"))
         remedy = "Upgrade seqrsm: pip install --upgrade seqrsm" if newer else _AGAIN
-        raise StoreError(Problem(message, remedy, file=str(source), field="format", value=found))
+        raise StoreError(message, remedy, file=str(source), field="format", value=found)
     return dict(document)
 
 
@@ -80,20 +80,20 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: 
         meta = {str(key): str(value) for key, value in document["campaign"].items()}
     except (KeyError, TypeError, ValueError, AttributeError, UnicodeError) as error:
         message = f"the export is damaged: {type(error).__name__} {error}"
-        raise StoreError(Problem(message, _AGAIN, file=where)) from None
+        raise StoreError(message, _AGAIN, file=where) from None
     spec = load_spec(folder)
     if spec.spec_hash != document.get("spec_hash"):
         message = "the specification in the export does not match its runs"
-        raise StoreError(Problem(message, _AGAIN, file=where, field="spec_hash"))
+        raise StoreError(message, _AGAIN, file=where, field="spec_hash")
     if spec.store_url is not None:
         message = "the specification in the export names a database of its own"
-        raise StoreError(Problem(message, "Remove [store] from it.", file=where, field="campaign_toml"))
+        raise StoreError(message, "Remove [store] from it.", file=where, field="campaign_toml")
     code = {str(one["path"]): str(one["sha256"]) for one in attachments if str(one["path"]).endswith(".py")}
     code |= {name: code.get(f"{name.partition(':')[0].replace('.', '/')}.py", "") for name in own_functions(spec)}
     if code and not trust_code:
         told = ", ".join(f"{name} (SHA-256 {digest})" if digest else name for name, digest in code.items())
         message = f"the campaign includes code that check, run and image would execute: {told}"
-        raise UserError(Problem(message, "Read it; if you trust it, add --trust-code.", file=where))
+        raise UserError(message, "Read it; if you trust it, add --trust-code.", file=where)
     with Store.open(spec.folder, create=True, campaign=spec.name, seed=spec.seed) as store:
         store.restore(meta, runs, **kept)
         if code:
@@ -110,13 +110,13 @@ def _attach(one: Mapping[str, Any], source: Path, folder: Path) -> None:
     if not inside:
         if not Path(name).is_file() or _sha256(Path(name).read_bytes()) != digest:
             message = f"the campaign needs the file of SHA-256 {digest}, which is missing"
-            raise UserError(Problem(message, "Restore it.", file=name))
+            raise UserError(message, "Restore it.", file=name)
         return
     if content is None:
         beside = source.parent / place
         if not beside.is_file():
             message = f"the export does not contain this file (SHA-256 {digest})"
-            raise UserError(Problem(message, "Put it beside the export.", file=str(beside)))
+            raise UserError(message, "Put it beside the export.", file=str(beside))
         data = beside.read_bytes()
     else:
         try:

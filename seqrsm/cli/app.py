@@ -34,7 +34,7 @@ from seqrsm.cli.console import (
 from seqrsm.cli.doctor import doctor
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import SpecError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -160,18 +160,14 @@ def init(
         show_table(["template", "question"], list(templates().items()), sides=("left",))
         return
     if more and len(application or ()) != 1:
-        raise UserError(
-            Problem("init creates one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
-        )
+        raise UserError("init creates one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
     if scene is not None and not application:
-        raise UserError(Problem("--scene needs --application", "Add --application WORDS.", field="--scene"))
+        raise UserError("--scene needs --application", "Add --application WORDS.", field="--scene")
     application = application or None
     if folder is None or [template, application, source].count(None) != 2:
         raise UserError(
-            Problem(
-                "init needs a folder and one of template, application or export",
-                "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
-            )
+            "init needs a folder and one of template, application or export",
+            "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
         )
     if source is not None:
         from seqrsm.campaign.rebuild import rebuild
@@ -220,7 +216,7 @@ def check(
         show_sections(check_sections(result, every_note=verbose))
         line()
     if result.refused:
-        raise SpecError(Problem(result.refused, file=str(folder / "campaign.toml"), field="[stop]"))
+        raise SpecError(result.refused, file=str(folder / "campaign.toml"), field="[stop]")
     if not as_json:
         if result.target_problem:
             line(f"Warning: {result.target_problem}")
@@ -350,7 +346,7 @@ def void(
 ) -> None:
     """Exclude a run or a ranking from the fit. Nothing is ever deleted."""
     if (run_id is None) == (ranking is None):
-        raise UserError(Problem("void excludes one run or one ranking", "Give RUN_ID, or --ranking N."))
+        raise UserError("void excludes one run or one ranking", "Give RUN_ID, or --ranking N.")
     if run_id is not None:
         _opened(folder).opened.store.void(run_id, why)
         say(f"run {run_id} is void: {why}")

@@ -28,7 +28,7 @@ _MAX_FACTORS = 8
 
 
 def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
-    return UserError(Problem(message, remedy, field=field, value=value))
+    return UserError(message, remedy, field=field, value=value)
 
 
 def parse_factor(text: str) -> Factor:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from seqrsm.cli.console import AsJson, display, guarded, print_json
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 
 
 @guarded
@@ -81,7 +81,7 @@ def catalog(
             nearest = named.nearest_names(asked, [one.name for one in whole.platforms])
             like = f"Similar names: {', '.join(nearest)}. " if nearest else ""
             remedy = f"{like}`seqrsm catalog` lists the tables."
-            raise UserError(Problem("no sensor, platform or application matches", remedy, field="WORDS", value=asked))
+            raise UserError("no sensor, platform or application matches", remedy, field="WORDS", value=asked)
         if as_json:
             document = {"entries": to_json(entries), "platforms": to_json(platforms)}
             print_json({**document, "sensors": [named.to_json(one) for one in sensors]})
@@ -106,7 +106,7 @@ def parameters(
 
     sensors = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}
     if engine not in sensors:
-        raise UserError(Problem("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine))
+        raise UserError("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine)
     rows = [*listed(*sensors[engine]), *listed(CALENDAR, Dates)]
     print_json(rows) if as_json else show_parameters(rows)
 
@@ -140,7 +140,7 @@ def output_schema(command: str) -> dict[str, Any]:
     held = json.loads(Path(__file__).with_name("json_schemas.json").read_text(encoding="utf-8"))
     if command not in held["commands"]:
         remedy = f"Use one of {', '.join(held['commands'])}; without a command, the schema is that of campaign.toml."
-        raise UserError(Problem("no command of this name has --json", remedy, field="COMMAND", value=command))
+        raise UserError("no command of this name has --json", remedy, field="COMMAND", value=command)
     needed: dict[str, Any] = {}
     left = [held["commands"][command]]
     while left:

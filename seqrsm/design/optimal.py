@@ -12,7 +12,7 @@ from seqrsm.design.evaluate import inestimable_terms, region_moments
 from seqrsm.design.exchange import Task, search_candidates, search_region
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError, Problem
+from seqrsm.errors import DesignError
 
 Criterion: TypeAlias = Literal["D", "I", "A"]
 
@@ -154,7 +154,7 @@ def _check_count(model: QuadraticModel, n_runs: int, fixed: FloatArray) -> None:
     if carried + n_runs < model.p:
         text = f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs)"
         remedy = f"Ask for at least {model.p - carried} runs, use order = 1, or fewer factors or levels."
-        raise DesignError(Problem(text, remedy, field="n_runs", value=n_runs))
+        raise DesignError(text, remedy, field="n_runs", value=n_runs)
 
 
 def _singular(model: QuadraticModel, region: Region) -> DesignError:
@@ -164,13 +164,13 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
     near = inestimable_terms(model, region.candidates(limit=5000), 1e-3)
     if near:
         message = f"the region is so thin that these terms can hardly be separated from the others: {', '.join(near)}"
-        return DesignError(Problem(message, "Relax the constraints, or replace factors that vary together by one."))
-    return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
+        return DesignError(message, "Relax the constraints, or replace factors that vary together by one.")
+    return DesignError("every design tried was singular", "Ask for more runs or more starts.")
 
 
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
     text = f"no runs in the region can separate these terms from the others: {', '.join(terms)}"
-    return DesignError(Problem(text, "Relax the constraints or the levels, or omit the terms."))
+    return DesignError(text, "Relax the constraints or the levels, or omit the terms.")
 
 
 def _value(model: QuadraticModel, runs: FloatArray, weights: FloatArray | None) -> float:

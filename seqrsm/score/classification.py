@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.score import kernels_classify
 from seqrsm.score.evidence import Evidence, holds_cells
 
@@ -152,9 +152,7 @@ def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     """Tiles (n_tiles,) that hold scored cells, and the half that each belongs to."""
     seen = np.bincount(evidence.tile[holds_cells(evidence.counts)], minlength=len(evidence.keys)) > 0
     if not seen.any():
-        raise SceneError(
-            Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
-        )
+        raise SceneError("no scored cell lies in the image", "Give cells with a known category", field="scored")
     half = np.zeros(len(evidence.keys), dtype=np.int64)
     half[seen] = halves(evidence.keys[seen])
     return seen, half

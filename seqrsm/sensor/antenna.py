@@ -137,5 +137,5 @@ def pattern_points(text: str) -> tuple[tuple[float, float], ...]:
     finite = all(math.isfinite(number) for point in points for number in point)
     if len(points) < 2 or not finite or sorted(set(angles)) != angles or max(gain for _, gain in points) > 0.0:
         remedy = 'Write rising look angles [deg] with gains [dB] of at most 0, as in "0:-20, 40:0, 70:-3"'
-        raise ConfigurationError(Problem("not a pattern", remedy, field="pattern_table", value=text))
+        raise ConfigurationError("not a pattern", remedy, field="pattern_table", value=text)
     return points

@@ -62,16 +62,16 @@ class Dates:
     def __post_init__(self) -> None:
         if self.days and (self.dates != 1 or self.first_day is not None):
             text = "the days are specified twice"
-            raise ConfigurationError(Problem(text, "Give days, or dates and first_day", field="days", value=self.days))
+            raise ConfigurationError(text, "Give days, or dates and first_day", field="days", value=self.days)
         if not self.days and self.first_day is None and self.dates != 1:
             text = "several dates need a first day"
-            raise ConfigurationError(Problem(text, "Give first_day", field="dates", value=self.dates))
+            raise ConfigurationError(text, "Give first_day", field="dates", value=self.dates)
         for day in self.on:
             if not 1.0 <= day <= LAST_DAY:
                 text = f"a date on day {day:g} lies beyond the year"
                 remedy = "Keep all dates within days 1 to 365: fewer dates, a shorter interval or an earlier first day"
                 field = "days" if self.days else "first_day"
-                raise ConfigurationError(Problem(text, remedy, field=field, value=self.days or self.first_day))
+                raise ConfigurationError(text, remedy, field=field, value=self.days or self.first_day)
 
     @property
     def on(self) -> tuple[float, ...]:

@@ -210,7 +210,7 @@ class CampaignSpec:
             if application.name == name:
                 return application
         known = ", ".join(application.name for application in self.applications)
-        raise SpecError(Problem("no such application", f"Applications: {known}.", field="application", value=name))
+        raise SpecError("no such application", f"Applications: {known}.", field="application", value=name)
 
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
@@ -240,20 +240,20 @@ def load_spec(location: FilePath | str) -> CampaignSpec:
 def _read_text(path: FilePath) -> str:
     if not path.is_file():
         raise SpecError(
-            Problem("there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path))
+            "there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path)
         )
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SpecError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
+        raise SpecError(f"the file cannot be read: {error.strerror}", file=str(path)) from None
     if len(data) > MAX_BYTES:
-        raise SpecError(Problem(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path)))
+        raise SpecError(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path))
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise SpecError(
-            Problem("the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line)
+            "the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line
         ) from None
 
 
@@ -265,7 +265,7 @@ def _parse(path: FilePath, text: str) -> dict[str, Any]:
         line = int(match[1]) if match else text.count("\n") + 1
         message = re.sub(r"\s*\(at .*\)$", "", str(error))
         remedy = "Text stands in quotes, lists in [ ], and each key once in its table; see https://toml.io."
-        raise SpecError(Problem(f"this is not valid TOML: {message}", remedy, file=str(path), line=line)) from None
+        raise SpecError(f"this is not valid TOML: {message}", remedy, file=str(path), line=line) from None
 
 
 _T = TypeVar("_T", bound=Table)

@@ -28,7 +28,7 @@ import sqlalchemy as sa
 from sqlalchemy import event, exc
 
 from seqrsm import __version__
-from seqrsm.errors import Problem, StoreError
+from seqrsm.errors import StoreError
 from seqrsm.plain import plain
 from seqrsm.store.schema import META, METADATA, VERSION
 
@@ -107,7 +107,7 @@ class Database:
     def write(self) -> Iterator[sa.Connection]:
         """A transaction that is alone in writing; durable when the block ends, undone when it raises."""
         if self.read_only:
-            raise StoreError(Problem("the database may not be written", _RIGHTS, file=self.label))
+            raise StoreError("the database may not be written", _RIGHTS, file=self.label)
         with _interrupted_later(), self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
@@ -151,7 +151,7 @@ class Database:
                 _copy_into(connection, place)
                 self._rescued = f"What it held is in {place}."
         message = "the database is no longer the file that was opened: it was moved, deleted or replaced"
-        raise StoreError(Problem(message, f"Restore it. {self._rescued}".strip(), file=self.label))
+        raise StoreError(message, f"Restore it. {self._rescued}".strip(), file=self.label)
 
     # -- opening --------------------------------------------------------------------------------------------------
 
@@ -165,10 +165,10 @@ class Database:
                 engine = sa.create_engine(url, json_serializer=_to_json, pool_pre_ping=True, connect_args=limits)
             except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
                 message, remedy = "the address of the database is not usable", f'Write url = "{_SERVER}user@host/name".'
-                raise StoreError(Problem(message, remedy, field="[store] url", value=self.label)) from None
+                raise StoreError(message, remedy, field="[store] url", value=self.label) from None
             except ImportError as error:
                 raise StoreError(
-                    Problem(f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
+                    f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"'
                 ) from None
         else:
             query = {"uri": "true"} | ({"mode": "ro", "immutable": "1"} if self.read_only else {"mode": "rw"})
@@ -184,27 +184,25 @@ class Database:
             version = _schema_version(connection)
         if version is None:
             if not create:
-                raise StoreError(
-                    Problem("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
-                )
+                raise StoreError("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
             self._create(campaign)
         else:
             self._check_version(version)
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
         if name is None:
-            raise StoreError(Problem("the database has no campaign name", "Restore it from a copy.", file=self.label))
+            raise StoreError("the database has no campaign name", "Restore it from a copy.", file=self.label)
         if campaign and name != campaign:
             message = f"the database belongs to the campaign '{name}', not '{campaign}'"
             remedy = "Give each campaign a folder or database of its own, or restore the name in campaign.toml."
-            raise StoreError(Problem(message, remedy, file=self.label))
+            raise StoreError(message, remedy, file=self.label)
         self.campaign = name
 
     def _check_version(self, version: str) -> None:
         if version != VERSION:
             known = f"schema {version}; seqrsm {__version__} has {VERSION}"
             message = f"the database was written by another version of seqrsm ({known})"
-            raise StoreError(Problem(message, "Use the version that wrote it.", file=self.label))
+            raise StoreError(message, "Use the version that wrote it.", file=self.label)
 
     def _create(self, campaign: str) -> None:
         with self._engine.connect() as connection:
@@ -234,20 +232,18 @@ class Database:
             text = str(error.orig if isinstance(error, exc.DBAPIError) else error).partition("\n")[0]
             if isinstance(error, exc.DBAPIError) and error.connection_invalidated:  # a commit's answer may be missing
                 message = f"the connection to the database was lost ({text})"
-                raise StoreError(Problem(message, _LOST, file=self.label)) from error
+                raise StoreError(message, _LOST, file=self.label) from error
             if self.path is not None and (missing := _cut_off(self.path)):
                 message = f"the database is damaged: {missing} bytes are missing at its end ({text})"
-                raise StoreError(Problem(message, _RESTORE, file=self.label)) from error
+                raise StoreError(message, _RESTORE, file=self.label) from error
             for sign, message, remedy in _EXPLANATIONS:
                 if sign in text.lower():
-                    raise StoreError(Problem(f"{message} ({text})", remedy, file=self.label)) from error
+                    raise StoreError(f"{message} ({text})", remedy, file=self.label) from error
             raise StoreError(
-                Problem(f"the database refused ({text})", "Nothing was changed; try again.", file=self.label)
+                f"the database refused ({text})", "Nothing was changed; try again.", file=self.label
             ) from error
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise StoreError(
-                Problem(f"the database holds damaged text ({error})", _RESTORE, file=self.label)
-            ) from error
+            raise StoreError(f"the database holds damaged text ({error})", _RESTORE, file=self.label) from error
 
 
 _VERSION = sa.table("alembic_version", sa.column("version_num"))  # so named when alembic migrated
@@ -306,25 +302,23 @@ def _interrupted_later() -> Iterator[None]:
 
 def _check_path(path: Path, create: bool) -> None:
     if path.is_dir():
-        raise StoreError(Problem("a folder stands where the database should be", "Move it.", file=str(path)))
+        raise StoreError("a folder stands where the database should be", "Move it.", file=str(path))
     if not path.parent.is_dir():
-        raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
+        raise StoreError("there is no such folder", _ABSENT_REMEDY, file=str(path.parent))
     if not create and not path.exists():
-        raise StoreError(Problem("there is no database yet", _ABSENT_REMEDY, file=str(path)))
+        raise StoreError("there is no database yet", _ABSENT_REMEDY, file=str(path))
     if create and not path.exists():
         try:
             path.touch()  # an unfinished creation; SQLite makes no files, in the place of one that vanished
         except OSError as error:
             message = f"the database cannot be made ({error.strerror})"
-            raise StoreError(Problem(message, "Check that its folder may be written.", file=str(path))) from None
+            raise StoreError(message, "Check that its folder may be written.", file=str(path)) from None
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
-        raise StoreError(
-            Problem(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
-        )
+        raise StoreError(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
     if not _may_write(path.parent) and _has_log(path) and path.with_name(path.name + "-wal").stat().st_size:
         message = "the database was not closed, and its last changes can only be read where its folder may be written"
-        raise StoreError(Problem(message, "Copy the folder to a place that may be written.", file=str(path)))
+        raise StoreError(message, "Copy the folder to a place that may be written.", file=str(path))
 
 
 def _may_write(path: Path) -> bool:
@@ -402,7 +396,7 @@ def _prepare_sqlite(mode: str, connection: sqlite3.Connection, _record: object) 
     if found.upper() != mode:
         message = f"the file system does not support SQLite's journal {mode} (journal mode '{found}')"
         remedy = f'Keep the campaign on a local disk, or share it by [store] url = "{_SERVER}...".'
-        raise StoreError(Problem(message, remedy))
+        raise StoreError(message, remedy)
 
 
 def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
@@ -426,7 +420,7 @@ def _schema_version(connection: sa.Connection) -> str | None:
     """Version of the tables; None where there are none."""
     if not sa.inspect(connection).has_table("alembic_version"):
         if sa.inspect(connection).has_table("runs"):
-            raise StoreError(Problem("the database has tables but no schema version", _RESTORE))
+            raise StoreError("the database has tables but no schema version", _RESTORE)
         return None
     return str(connection.execute(sa.select(_VERSION)).scalar())
 

@@ -162,7 +162,7 @@ class Store:
                 message = (
                     f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
                 )
-                raise StoreError(Problem(message, "Raise [stop] max_runs.", field="max_runs", value=budget))
+                raise StoreError(message, "Raise [stop] max_runs.", field="max_runs", value=budget)
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
 
     def issue(self, run_ids: Iterable[int]) -> None:
@@ -370,7 +370,7 @@ class Store:
             connection = ledger.connection
             if any(connection.execute(sa.select(table.c.id).limit(1)).first() for table in (RUNS, EVENTS)):
                 message = "the database holds a campaign already"
-                raise StoreError(Problem(message, "Give this one a database of its own."))
+                raise StoreError(message, "Give this one a database of its own.")
             for key, value in meta.items():
                 connection.execute(sa.update(META).where(META.c.key == key).values(value=value))
             try:
@@ -378,7 +378,7 @@ class Store:
                     for start in range(0, len(values), _CHUNK):
                         connection.execute(sa.insert(table), values[start : start + _CHUNK])
             except sa.exc.IntegrityError as error:
-                raise StoreError(Problem(f"the records of the export contradict each other ({error.orig})")) from error
+                raise StoreError(f"the records of the export contradict each other ({error.orig})") from error
             for table in rows if connection.dialect.name == "postgresql" else ():
                 if table is not RUNS:
                     top = sa.select(sa.func.coalesce(sa.func.max(table.c.id), 0) + 1).scalar_subquery()
@@ -431,7 +431,7 @@ class Store:
         if states is not None:
             wanted = (states,) if isinstance(states, str) else tuple(states)
             if unknown := set(wanted) - set(STATES):
-                raise StoreError(Problem("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown)))
+                raise StoreError("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown))
             conditions.append(RUNS.c.state.in_(wanted))
         if source is not None:
             conditions.append(RUNS.c.source == source)
@@ -534,7 +534,7 @@ def _renamed(record: Any, **names: str | None) -> dict[str, Any]:
 
 def _need_reason(why: str) -> None:
     if not why.strip():
-        raise StoreError(Problem("voiding needs a reason", 'Give one: --why "..."', field="why"))
+        raise StoreError("voiding needs a reason", 'Give one: --why "..."', field="why")
 
 
 def _this_process() -> str:
