@@ -285,6 +285,12 @@ def run_many(
         yield result
 
 
+def do_all(do: Callable[[int], object], n: int, threads: int) -> None:
+    """Call ``do(k)`` for all k < n, by that many threads."""
+    for _ in run_many(do, range(n), threads):
+        pass
+
+
 def _run_in_threads(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R]]:
     waiting = iter(enumerate(arguments))  # taking the next is one step of the interpreter: none is taken twice
     left = Event()
