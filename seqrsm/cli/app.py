@@ -144,16 +144,9 @@ def init(
         Path | None, typer.Option(metavar="FILE", help="Your own scene, with --application (see `seqrsm scene`).")
     ] = None,
     more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="Further words of --application.")] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="Rebuild a campaign from the .json of `seqrsm export`."),
-    ] = None,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Accept the code in the export, once you have read it.")
-    ] = False,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Create a campaign folder. From a template, from literature requirements for an application, or from an export."""
+    """Create a campaign folder. From a template, or from literature requirements for an application."""
     from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
@@ -164,17 +157,11 @@ def init(
     if scene is not None and not application:
         raise UserError("--scene needs --application", "Add --application WORDS.", field="--scene")
     application = application or None
-    if folder is None or [template, application, source].count(None) != 2:
+    if folder is None or (template is None) == (application is None):
         raise UserError(
-            "init needs a folder and one of template, application or export",
-            "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
+            "init needs a folder and one of template or application",
+            "Write: seqrsm init DIR --template NAME (--list names them), or --application WORDS.",
         )
-    if source is not None:
-        from seqrsm.campaign.rebuild import rebuild
-
-        rebuild(source, folder, trust_code=trust_code)
-        say(f"created {folder} from {source}; next: seqrsm status {folder}")
-        return
     if application is not None:
         from seqrsm.cli.show_catalog import say_made
 
