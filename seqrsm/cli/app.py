@@ -508,34 +508,6 @@ app.command()(catalog)
 app.command()(parameters)
 
 
-@app.command("plan")
-@guarded
-def plan_page(
-    folder: Folder,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Page to write [default: reports/plan.html].")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Write an interactive planning page.
-
-    An offline HTML page: vary factors, budget and target, and see half-width, expected loss and cost.
-    """
-    from seqrsm.campaign.check import plan_campaign
-    from seqrsm.files import put
-    from seqrsm.report.html import render_plan
-
-    campaign = _opened(folder).opened
-    with display("planning", inner=False) as shown:
-        analyses = campaign.analyse_all() if campaign.store.runs("scored") else ()
-        document = plan_campaign(campaign.spec, analyses, partial(shown.count, "planning"))
-    if as_json:
-        print_json(document)
-    else:
-        page, text = out or folder / "reports" / "plan.html", render_plan(document, analyses)
-        say(f"wrote {put(page, text.encode('utf-8'), make_folder=True)}")
-
-
 @app.command("help")
 @guarded
 def help_on(

@@ -116,7 +116,6 @@ def test_a_campaign_before_its_first_score(tmp_path: Path) -> None:
 def test_an_empty_campaign_is_planned(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(HEAD + X + MEASURED + STOP, encoding="utf-8")
     assert document("check", tmp_path)["noise"] is None
-    assert document("plan", tmp_path)["s"] is None
     assert document("propose", tmp_path, "-n", 12)[0]["state"] == "issued"
 
 
@@ -173,8 +172,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Pat
 
 
 @pytest.mark.parametrize(
-    "words",
-    ["status --history", "fit", "check", "plan", "candidates --worlds 4", "tradeoff --configurations 2 --occasions 2"],
+    "words", ["status --history", "fit", "check", "candidates --worlds 4", "tradeoff --configurations 2 --occasions 2"]
 )
 def test_a_campaign_with_a_simulator(simulated: Path, words: str) -> None:
     command, *options = words.split()
