@@ -341,15 +341,15 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         return None
     campaign, model, cost, stop = (single[key] for key in ("campaign", "model", "cost", "stop"))
     content: dict[str, object] = {
-        "campaign": campaign.model_dump(),
+        "campaign": campaign.model_dump(exclude_defaults=True),
         "factors": [repr(factor) for factor in region.factors],
         "constraints": [constraint.expr for constraint in region.constraints],
-        "applications": [application.model_dump() for application in applications],
-        "considerations": [table.model_dump() for table in repeated["consideration"]],
-        "model": model.model_dump(),
-        "simulator": None if simulator is None else simulator.model_dump(),
-        "cost": cost.model_dump(),
-        "stop": stop.model_dump(),
+        "applications": [application.model_dump(exclude_defaults=True) for application in applications],
+        "considerations": [table.model_dump(exclude_defaults=True) for table in repeated["consideration"]],
+        "model": model.model_dump(exclude_defaults=True),
+        "simulator": None if simulator is None else simulator.model_dump(exclude_defaults=True),
+        "cost": cost.model_dump(exclude_defaults=True),
+        "stop": stop.model_dump(exclude_defaults=True),
     }
     return CampaignSpec(
         folder=folder,
