@@ -136,13 +136,23 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
     analysis, recommended = _so_far(spec)
-    known = _what_is_known(spec, analysis, progress)
-    noise, share, df = known.noise, known.ground_share, known.df
-    covers = scene_at(str(spec.scene_path)).categories if spec.simulator is not None else ()
+    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
+    spread = float("nan")
+    covers: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    if spec.simulator is not None:
+        noise, share, df, seconds, notes = _probe_noise(spec, progress)
+        spread = float("nan") if analysis is not None else _spread(spec, noise)
+        source = f"simulations at the centre, {df} degrees of freedom"
+        covers = scene_at(str(spec.scene_path)).categories
+    elif analysis is not None:
+        noise, df = float(analysis.fit.s), analysis.fit.df_residual
+        source = f"residuals of {analysis.fit.n_runs} scored runs"
+    surfaces = _surfaces(spec, noise, spread, analysis)
     unit = spec.applications[0].score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     rule = stop_rule(spec, share)
-    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known.surfaces, at, spec.seed)
+    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, surfaces, at, spec.seed)
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
@@ -155,7 +165,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start = start_size(model, spec)
     except SpecError as error:
         start, refused = plans[0].asked, error.problems[0].message + "."
-    in_units = known.in_units
+    in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target = rule.half_width if in_units else float("nan")
     if refused or problem:
         out = way_out(plans, over, target, unit if in_units else "s")
@@ -168,20 +178,20 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start_runs=start,
         min_runs=rule.min_runs(model.p),
         max_runs=rule.max_runs,
-        seconds_per_run=known.seconds,
+        seconds_per_run=seconds,
         noise=noise,
         ground_share=share,
-        noise_source=known.noise_source,
+        noise_source=source,
         cost=rule.max_runs * spec.cost.of(spec.own_source),
         cost_unit=spec.cost.unit,
         target_problem=problem,
-        notes=known.notes,
+        notes=notes,
         covers=covers,
         combinations=combinations,
         hardware=_hardware(spec, recommended),
         plans=plans,
         over=over,
-        surfaces=known.surfaces.source,
+        surfaces=surfaces.source,
         target=target,
         unit=unit if in_units else "s",
         refused=refused,
@@ -228,42 +238,6 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
     text = re.sub(r"(?m)^half_width = \S+", lambda _: "\n".join(lines), path.read_text(encoding="utf-8"))
     path.write_text(text, encoding="utf-8")
     return reason
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What is known of the scatter of a run and of the surface; nan and 0 where nothing tells it, see `CheckResult`.
-
-    ``surfaces`` have the scatter that budgets are found from: that of the scores, where there are some.
-    """
-
-    noise: float
-    ground_share: float
-    df: int
-    noise_source: str
-    seconds: float
-    notes: tuple[str, ...]
-    surfaces: Surfaces
-
-    @property
-    def in_units(self) -> bool:
-        """Whether the scatter is known in score units; else it is 1."""
-        return bool(np.isfinite(self.noise)) or self.surfaces.noise != 1.0
-
-
-def _what_is_known(spec: CampaignSpec, analysis: Analysis | None, progress: Callable[[int, int], None]) -> _Known:
-    """The scatter of a run by simulations, else by the scores; the surface by scores, simulations, or as stated."""
-    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
-    notes: tuple[str, ...] = ()
-    spread = float("nan")
-    if spec.simulator is not None:
-        noise, share, df, seconds, notes = _probe_noise(spec, progress)
-        spread = float("nan") if analysis is not None else _spread(spec, noise)
-        source = f"simulations at the centre, {df} degrees of freedom"
-    elif analysis is not None:
-        noise, df = float(analysis.fit.s), analysis.fit.df_residual
-        source = f"residuals of {analysis.fit.n_runs} scored runs"
-    return _Known(noise, share, df, source, seconds, notes, _surfaces(spec, noise, spread, analysis))
 
 
 def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str]]) -> tuple[str, ...]:
