@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -160,15 +160,13 @@ ENGINES: Mapping[str, Engine] = {
 _FIELD = "[[application]] utility"
 
 
-def check_utility(text: str, engines: Collection[str]) -> None:
-    """Refuse a utility that images of these engines cannot be scored by, or that cannot be imported.
+def check_utility(text: str) -> None:
+    """Refuse a utility that images cannot be scored by, or that cannot be imported.
 
     Parameters
     ----------
     text : str
         As in ``campaign.toml``.
-    engines : collection of str
-        "psm", "prm" or both.
 
     Raises
     ------
@@ -178,11 +176,10 @@ def check_utility(text: str, engines: Collection[str]) -> None:
     if ":" in text:
         find_utility(text)
         return
-    row = asked_for(text).row
-    if not set(engines) <= set(row.engines):
-        known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
+    if not asked_for(text).row.function:
+        known = ", ".join(f'"{name}"' for name, row in UTILITIES.items() if row.function)
         remedy = f'Use {known} or "module:function", or ingest measured scores.'
-        raise SpecError("this engine cannot score the utility", remedy, field=_FIELD, value=text)
+        raise SpecError("images cannot be scored by this utility, which is measured", remedy, field=_FIELD, value=text)
 
 
 def score_by(

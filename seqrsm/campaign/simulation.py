@@ -201,7 +201,7 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        check_utility(name, (spec.simulator.engine,))
+        check_utility(name)
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
@@ -446,10 +446,8 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
 
 
 def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
-    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
+    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated."""
     made = task.acquisitions
-    for _, utility in task.utilities:
-        check_utility(utility, {one.engine for one in made})
     notes: list[str] = []
     for one in made:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):

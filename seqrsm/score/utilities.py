@@ -33,9 +33,7 @@ class Utility:
     is_error : bool
         Scores are errors, which are made small.
     function : str
-        "module:function" that scores images; "" of what is measured only.
-    engines : tuple of str
-        Whose images it scores.
+        "module:function" that scores images of either engine; "" of what is measured only.
     classifies : bool
         It names covers, by a unit of ground.
     of_covers : bool
@@ -47,26 +45,24 @@ class Utility:
     is_percent: bool = False
     is_error: bool = False
     function: str = ""
-    engines: tuple[str, ...] = ()
     classifies: bool = False
     of_covers: bool = False
 
 
 def _table() -> Mapping[str, Utility]:
-    """Rows of ``data/utilities.csv``; engines and traits, which are fields of `Utility`, are separated by blanks."""
+    """Rows of ``data/utilities.csv``; traits, which are fields of `Utility`, are separated by blanks."""
     found = {}
     with (Path(__file__).parent / "data" / "utilities.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             traits: dict[str, Any] = dict.fromkeys(row["traits"].split(), True)
-            engines = tuple(row["engines"].split())
-            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], engines=engines, **traits)
+            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], **traits)
     return found
 
 
 UTILITIES: Final = _table()
 """By the names of ``campaign.toml``."""
 
-OF_THE_USER: Final = Utility(engines=("psm", "prm"))
+OF_THE_USER: Final = Utility()
 """What is known of a function of the user's own."""
 
 
