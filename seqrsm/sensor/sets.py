@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, Parameter, configured, find
+from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, Parameter, configured
 
 SENSORS: Final[Mapping[str, Mapping[str, Parameter]]] = {
     "psm": {**RADAR, **CALENDAR},
@@ -110,11 +110,7 @@ class Member:
 
 def frequency_of(name: str, members: Mapping[str, Values]) -> float | None:
     """Frequency [GHz] of a member by its table, band letter or number; None: no such member."""
-    own = members.get(name, {})
-    written = own.get("frequency", own.get("frequency_ghz"))
-    if written is not None:
-        return _ghz(written)
-    return _ghz(name)
+    return _ghz(members.get(name, {}).get("frequency", name))
 
 
 def _ghz(written: float | str) -> float | None:
@@ -156,7 +152,7 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
     ConfigurationError
         Unknown or doubled members, impossible dates.
     """
-    written = settings.get("frequency", fixed.get("frequency", fixed.get("frequency_ghz", 0.0)))
+    written = settings.get("frequency", fixed.get("frequency", 0.0))
     own = bool(members) or any("." in name for name in (*settings, *fixed))
     if not isinstance(written, str) or (not own and "+" not in written):
         dates, plain, rest = _apart(_in_ghz(settings), _in_ghz(fixed))
@@ -169,10 +165,7 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
 
 def _in_ghz(values: Values) -> Values:
     """The same with a band's letter as its frequency."""
-    return {
-        key: BANDS.get(str(value), value) if key in ("frequency", "frequency_ghz") else value
-        for key, value in values.items()
-    }
+    return {key: BANDS.get(str(value), value) if key == "frequency" else value for key, value in values.items()}
 
 
 def _member(name: str, engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> Member:
@@ -181,8 +174,8 @@ def _member(name: str, engine: str, settings: Values, fixed: Values, members: Ma
     table = SENSORS[own_engine]
     given: dict[str, Any] = {}
     for values in (fixed, settings):
-        given |= {row.name: v for key, v in values.items() if (row := find(table, key)) is not None}
-    given |= {row.name if (row := find(table, key)) is not None else key: v for key, v in own.items()}
+        given |= {key: value for key, value in values.items() if key in table}
+    given |= own
     for values in (fixed, settings):
         given |= {key.partition(".")[2]: v for key, v in values.items() if key.partition(".")[0] == name and "." in key}
     given["frequency"] = frequency_of(name, members)

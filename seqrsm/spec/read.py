@@ -90,8 +90,6 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.scattering.readers import COVER
-from seqrsm.sensor.parameters import find
-from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
 from seqrsm.spec import sensors as spec_sensors
 from seqrsm.spec.faults import Reporter
@@ -374,15 +372,10 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
-    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``, by whichever of its names."""
+    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``."""
     file, written = spec.folder / SPEC_NAME, str(problem.field)
     lines = key_lines(file.read_text(encoding="utf-8-sig"))
     if written == COVER:
         return replace(problem, file=str(file), line=lines.get(("simulator", "scene")), field="[simulator] scene")
-    if spec.simulator is not None:
-        table = SENSORS[spec.simulator.engine]
-        parameter = find(table, written)
-        same = (name for name in spec.simulator.fixed if parameter is not None and find(table, name) is parameter)
-        written = next(same, written)
     line = lines.get(("simulator", "fixed", written))
     return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {written}")

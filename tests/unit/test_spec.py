@@ -254,13 +254,6 @@ FAULTS = [
     ('engine = "psm"', 'engine = "pms"', 'engine = "pms"', "[simulator] engine", 'Did you mean "psm"'),
     ("altitude_m = 3000.0", "altitude_m = true", "altitude_m = true", "[simulator] fixed.altitude_m", "number"),
     ("altitude_m = 3000.0", "looks = 4", "looks = 4", "[simulator] fixed.looks", "both a factor and fixed"),
-    (
-        "altitude_m = 3000.0",
-        "resolution_m = 4",
-        "resolution_m = 4",
-        "[simulator] fixed.resolution_m",
-        "both a factor and fixed",
-    ),
     ("tolerance = 0.5", "tolerance = inf", "tolerance = inf", "[simulator] tolerance", "finite"),
     ("flight = 250.0", "flight = -250.0", "flight = -250.0", "[cost] flight", "greater than 0"),
     ("half_width = 4.0", "half_width = 0", "half_width = 0", "[stop] half_width", "greater than 0"),
