@@ -66,13 +66,26 @@ class UserError(SeqrsmError):
 
     Parameters
     ----------
-    *problems : Problem or str
-        All that is wrong, not only the first.
+    *told : str or Problem
+        Message and remedy of one `Problem`, whose place follows; or all problems, not only the first.
+    file, line, field, value : optional
+        As of `Problem`.
     """
 
-    def __init__(self, *problems: Problem | str) -> None:
-        self.problems: Sequence[Problem] = tuple(p if isinstance(p, Problem) else Problem(p) for p in problems)
-        super().__init__("\n".join(str(p) for p in self.problems))
+    def __init__(
+        self,
+        *told: str | Problem,
+        file: str | None = None,
+        line: int | None = None,
+        field: str | None = None,
+        value: object | None = None,
+    ) -> None:
+        words = [one for one in told if isinstance(one, str)]
+        self.problems: Sequence[Problem] = tuple(one for one in told if isinstance(one, Problem))
+        if words:
+            message, remedy = words if len(words) > 1 else (*words, "")
+            self.problems = (Problem(message, remedy, file, line, field, value), *self.problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
 class SpecError(UserError):

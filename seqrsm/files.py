@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 from seqrsm.plain import plain
 
 
@@ -33,7 +33,7 @@ def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:
         draft.replace(path)
     except OSError as error:
         raise UserError(
-            Problem(f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path))
+            f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path)
         ) from error
     finally:
         with suppress(OSError):

@@ -15,7 +15,7 @@ from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import AliasedError, LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.spec.read import CampaignSpec
@@ -82,7 +82,7 @@ def fit_application(
     others = dict.fromkeys(score.application for run in runs for score in run.scores if score.application not in known)
     if others and not len(data.scores):
         message = f"no run has a score of '{application.name}'; runs have scores of {', '.join(map(repr, others))}"
-        raise FitError(Problem(message, "Restore the name in campaign.toml, or ingest scores.", field="application"))
+        raise FitError(message, "Restore the name in campaign.toml, or ingest scores.", field="application")
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     fit = fit_surface(spec, region, model, data, scale)
@@ -115,8 +115,8 @@ def fit_surface(
         message = f"{n} scored runs cannot determine {needed} terms"
         if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
             message += f", {len(names)} of them for blocks"
-            raise FitError(Problem(message, "Blocks need several runs each: score more in them, or omit the block."))
-        raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
+            raise FitError(message, "Blocks need several runs each: score more in them, or omit the block.")
+        raise FitError(message, _remedy(region, model, data, "Score more runs", needed - n))
     Z = np.hstack([model.matrix(data.points), columns])
     try:
         return fit_least_squares(

@@ -165,7 +165,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     if not np.all(data.score_se > 0.0):
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
-        raise FitError(Problem(f"{named} have no standard error for weighting", remedy))
+        raise FitError(f"{named} have no standard error for weighting", remedy)
     return ResponseScale.of(spec.model.response, data.scores, Z, data.score_se)
 
 
@@ -182,7 +182,7 @@ def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:
         known = np.isfinite(data.trials) & np.isfinite(data.correct)
     if data.trials is None or data.correct is None or not np.all(known):
         remedy = "Give the columns n and correct for every score, or omit that from [model]."
-        raise FitError(Problem(f"{_run_list(data.run_ids[~known])} have no counts, which {what} needs", remedy))
+        raise FitError(f"{_run_list(data.run_ids[~known])} have no counts, which {what} needs", remedy)
     return data.correct, data.trials
 
 

@@ -11,7 +11,7 @@ from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.runs import block_labels
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError, Problem, UserError
+from seqrsm.errors import FitError, UserError
 from seqrsm.fit.intervals import FTest
 from seqrsm.spec.read import CampaignSpec
 
@@ -99,12 +99,10 @@ def _one(analysis: Analysis, text: str) -> TermTest:
         if not found:
             factors = ", ".join(analysis.region.names)
             raise UserError(
-                Problem(
-                    "no term, factor or group of this name",
-                    f"Factors: {factors}. Groups: {', '.join(GROUPS)}. Terms: {', '.join(fit.names)}.",
-                    field="--test",
-                    value=name,
-                )
+                "no term, factor or group of this name",
+                f"Factors: {factors}. Groups: {', '.join(GROUPS)}. Terms: {', '.join(fit.names)}.",
+                field="--test",
+                value=name,
             )
         chosen.update(found)
     places = sorted(chosen)

@@ -18,7 +18,7 @@ from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import SourceFit, discrepancy_sd, fit_sources, source_prior, to_flight
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
@@ -417,6 +417,6 @@ def random_blocks(
     """
     if len(set(data.sources)) > 1:
         remedy = 'Set [model] block_effect = "fixed".'
-        raise FitError(Problem("random blocks need scores from one source; here are simulations and flights", remedy))
+        raise FitError("random blocks need scores from one source; here are simulations and flights", remedy)
     labels = block_labels(spec, data)
     return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)

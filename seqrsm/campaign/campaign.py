@@ -37,7 +37,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
+from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -180,13 +180,11 @@ class Campaign:
         """
         source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
-            raise UserError(
-                Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
-            )
+            raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
         if csv is not None and csv.exists():
-            raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
+            raise UserError("the file exists already", "Name a new file.", file=str(csv))
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
-            raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
+            raise UserError("cannot write into this folder", "Name another file.", file=str(csv))
         records = self._issue(n, source, analyses)
         if csv is not None:
             self.write_form(csv, records)
@@ -204,7 +202,7 @@ class Campaign:
 
         wanted = self.store.runs("issued", source="flight") if runs is None else runs
         if not wanted:
-            raise UserError(Problem("no flight is issued", "Issue flights first: seqrsm propose DIR --source flight"))
+            raise UserError("no flight is issued", "Issue flights first: seqrsm propose DIR --source flight")
         write_form(file, self.spec, wanted)
         return len(wanted)
 
@@ -232,13 +230,13 @@ class Campaign:
         """
         if load_spec(self.folder).spec_hash != self.spec.spec_hash:
             message = "campaign.toml was changed while this command was running"
-            raise SpecError(Problem(message, "Repeat the command.", file=str(self.folder / SPEC_NAME)))
+            raise SpecError(message, "Repeat the command.", file=str(self.folder / SPEC_NAME))
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         if left <= 0:
             message = f"the budget of {budget} runs is spent"
-            raise StoreError(Problem(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME)))
+            raise StoreError(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME))
         proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
         runs = in_random_order(proposed, self.spec.seed, len(made))
         ids = self.store.add_batch(runs, issue=True, budget=budget)
@@ -259,7 +257,7 @@ class Campaign:
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
                 return start_batch(self.spec, model, start_source, active, failed)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
-            raise StoreError(Problem(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`)."))
+            raise StoreError(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`).")
         if not analyses:
             analyses = self.analyse_all()
             self._record_looks(analyses)  # whoever proposes and ingests only has looked, too

@@ -39,7 +39,7 @@ from seqrsm.campaign.instruments import (
 )
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
-from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
+from seqrsm.errors import ConfigurationError, SpecError, UserError
 from seqrsm.files import put_json
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
@@ -165,7 +165,7 @@ def measure_candidates(
     wanted = candidates_of(spec)
     if not wanted:
         remedy = 'Add [[candidate]] with sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
-        raise SpecError(Problem("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME)))
+        raise SpecError("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME))
     found: dict[str, Any] = {"key": _key(spec), "worlds": worlds, "applications": {}}
     analyses = campaign.analyse_all()
     progress(0, len(wanted) * len(analyses))
@@ -261,7 +261,7 @@ class _Comparer:
             if at is not None:
                 return {**told, "how": "surface", **fields_to_json(self._by_surface(at, candidate)), "settings": at}
             if self.optimum is None:
-                raise ConfigurationError(Problem("its settings lie outside the region, and there is no simulator"))
+                raise ConfigurationError("its settings lie outside the region, and there is no simulator")
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
         except UserError as error:
             return {**told, "why": "; ".join(problem.message for problem in error.problems)}
@@ -310,7 +310,7 @@ class _Comparer:
         scores = self._simulated(places, self.tasks)
         whole = np.isfinite(scores).all(axis=(0, 2)) & np.isfinite(self.optimum).all(axis=1)
         if whole.sum() < 2:
-            raise ConfigurationError(Problem("its simulations failed"))
+            raise ConfigurationError("its simulations failed")
         own, optimum = scores[:, whole], self.optimum[whole]
         result = compared(own, optimum, self.rule, self.level, self.runs)
         mixed_by = dict(mixtures(self.base, places[len(places) // 2]))

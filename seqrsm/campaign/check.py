@@ -1,8 +1,7 @@
-"""``seqrsm check`` and ``seqrsm plan``: everything that can be known before the first run, and what runs can give."""
+"""``seqrsm check``: everything that can be known before the first run, and what runs can give."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import textwrap
@@ -51,12 +50,6 @@ REFUSAL_LEVEL = 0.99
 _ROOM = 1.2
 """By how much a target may be above the median half-width that the budget gives."""
 _TOLD_SHARE = 0.05  # of the variance: less is not why a target is out of reach
-
-_ALL_SUBSETS = 4
-"""Factors of which every subset is planned; of more, all of them and all but one."""
-
-_SIZES = 14
-"""Numbers of runs of which a plan is found; between them the page interpolates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,12 +136,23 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
     analysis, recommended = _so_far(spec)
-    known = _what_is_known(spec, analysis, progress)
-    noise, share, df = known.noise, known.ground_share, known.df
-    covers = scene_at(str(spec.scene_path)).categories if spec.simulator is not None else ()
+    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
+    spread = float("nan")
+    covers: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    if spec.simulator is not None:
+        noise, share, df, seconds, notes = _probe_noise(spec, progress)
+        spread = float("nan") if analysis is not None else _spread(spec, noise)
+        source = f"simulations at the centre, {df} degrees of freedom"
+        covers = scene_at(str(spec.scene_path)).categories
+    elif analysis is not None:
+        noise, df = float(analysis.fit.s), analysis.fit.df_residual
+        source = f"residuals of {analysis.fit.n_runs} scored runs"
+    surfaces = _surfaces(spec, noise, spread, analysis)
     unit = spec.applications[0].score_unit
-    budget = _budget(spec, analysis, known)
-    rule = budget.rule
+    at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
+    rule = stop_rule(spec, share)
+    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, surfaces, at, spec.seed)
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
@@ -161,7 +165,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start = start_size(model, spec)
     except SpecError as error:
         start, refused = plans[0].asked, error.problems[0].message + "."
-    in_units = known.in_units
+    in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target = rule.half_width if in_units else float("nan")
     if refused or problem:
         out = way_out(plans, over, target, unit if in_units else "s")
@@ -174,20 +178,20 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start_runs=start,
         min_runs=rule.min_runs(model.p),
         max_runs=rule.max_runs,
-        seconds_per_run=known.seconds,
+        seconds_per_run=seconds,
         noise=noise,
         ground_share=share,
-        noise_source=known.noise_source,
+        noise_source=source,
         cost=rule.max_runs * spec.cost.of(spec.own_source),
         cost_unit=spec.cost.unit,
         target_problem=problem,
-        notes=known.notes,
+        notes=notes,
         covers=covers,
         combinations=combinations,
         hardware=_hardware(spec, recommended),
         plans=plans,
         over=over,
-        surfaces=known.surfaces.source,
+        surfaces=surfaces.source,
         target=target,
         unit=unit if in_units else "s",
         refused=refused,
@@ -234,118 +238,6 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
     text = re.sub(r"(?m)^half_width = \S+", lambda _: "\n".join(lines), path.read_text(encoding="utf-8"))
     path.write_text(text, encoding="utf-8")
     return reason
-
-
-def plan_campaign(
-    spec: CampaignSpec, analyses: Sequence[Analysis], progress: Callable[[int, int], None]
-) -> dict[str, Any]:
-    """What runs can give over the factors that are kept, the order and the number of runs, as a JSON document.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-    analyses : sequence of Analysis
-        Of the scores so far; empty before the first.
-    progress : callable
-        Told of (done, all) pieces of work.
-
-    Returns
-    -------
-    dict
-        ``models``: for each set of kept factors and order the terms ``p``, the fewest runs ``asked`` for by the stop
-        rule, and by numbers of ``runs`` the ``half_widths`` and ``losses``, see `seqrsm.campaign.budget`; those are
-        for runs of standard deviation ``s``, which is None where nothing tells it: then for one of 1. ``source``: from
-        what surfaces they were found; ``most``: the largest number of runs; the campaign's target, budget and cost.
-    """
-    analysis = analyses[0] if analyses else None
-    known = _what_is_known(spec, analysis, progress)
-    budget = _budget(spec, analysis, known)
-    most = max(3 * spec.stop.max_runs, 60)
-    orders = (1, 2) if spec.region.numeric else (1,)
-    wanted = [(kept, order) for kept in _subsets(spec.region.k) for order in orders]
-    models = []
-    for done, (kept, order) in enumerate(wanted):
-        progress(done, len(wanted))
-        p = QuadraticModel(tuple(spec.factors[j] for j in kept), order).p
-        spread = np.unique(np.geomspace(1.0, max(most - p, 1), _SIZES).round().astype(int))
-        plans = [one for one in budget.by_runs([p + int(n) for n in spread], order, kept) if one.half_width > 0.0]
-        models.append(
-            {
-                "kept": list(kept),
-                "order": order,
-                "p": p,
-                "asked": plans[0].asked if plans else None,
-                "runs": [one.runs for one in plans],
-                "half_widths": [float(f"{one.half_width:.5g}") for one in plans],
-                "losses": [float(f"{one.loss:.5g}") for one in plans],
-            }
-        )
-    return {
-        "campaign": spec.name,
-        "factors": list(spec.region.names),
-        "unit": spec.applications[0].score_unit,
-        "level": spec.stop.level,
-        "interval": spec.stop.interval,
-        "replicates": spec.stop.replicates,
-        "s": known.surfaces.noise if known.in_units else None,
-        "source": known.surfaces.source,
-        "half_width": spec.stop.half_width,
-        "max_runs": spec.stop.max_runs,
-        "most": most,
-        "order": spec.model.order,
-        "cost": spec.cost.of(spec.own_source),
-        "cost_unit": spec.cost.unit,
-        "models": models,
-    }
-
-
-def _subsets(k: int) -> list[tuple[int, ...]]:
-    """Kept factors, all of them first."""
-    sizes = range(k, 0, -1) if k <= _ALL_SUBSETS else range(k, max(k - 2, 0), -1)
-    return [kept for size in sizes for kept in itertools.combinations(range(k), size)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What is known of the scatter of a run and of the surface; nan and 0 where nothing tells it, see `CheckResult`.
-
-    ``surfaces`` have the scatter that budgets are found from: that of the scores, where there are some.
-    """
-
-    noise: float
-    ground_share: float
-    df: int
-    noise_source: str
-    seconds: float
-    notes: tuple[str, ...]
-    surfaces: Surfaces
-
-    @property
-    def in_units(self) -> bool:
-        """Whether the scatter is known in score units; else it is 1."""
-        return bool(np.isfinite(self.noise)) or self.surfaces.noise != 1.0
-
-
-def _what_is_known(spec: CampaignSpec, analysis: Analysis | None, progress: Callable[[int, int], None]) -> _Known:
-    """The scatter of a run by simulations, else by the scores; the surface by scores, simulations, or as stated."""
-    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
-    notes: tuple[str, ...] = ()
-    spread = float("nan")
-    if spec.simulator is not None:
-        noise, share, df, seconds, notes = _probe_noise(spec, progress)
-        spread = float("nan") if analysis is not None else _spread(spec, noise)
-        source = f"simulations at the centre, {df} degrees of freedom"
-    elif analysis is not None:
-        noise, df = float(analysis.fit.s), analysis.fit.df_residual
-        source = f"residuals of {analysis.fit.n_runs} scored runs"
-    return _Known(noise, share, df, source, seconds, notes, _surfaces(spec, noise, spread, analysis))
-
-
-def _budget(spec: CampaignSpec, analysis: Analysis | None, known: _Known) -> Budget:
-    """The question that both faces ask; factors would be fixed at the optimum so far, else at the centre."""
-    at = spec.region.centre() if analysis is None else analysis.optimum.point
-    rule = stop_rule(spec, known.ground_share)
-    return Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known.surfaces, at, spec.seed)
 
 
 def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str]]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import SpecError, UserError
 from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
@@ -160,17 +160,13 @@ ENGINES: Mapping[str, Engine] = {
 _FIELD = "[[application]] utility"
 
 
-def check_utility(text: str, engines: Collection[str], *, several: bool) -> None:
-    """Refuse a utility that images of these engines cannot be scored by, or that cannot be imported.
+def check_utility(text: str) -> None:
+    """Refuse a utility that images cannot be scored by, or that cannot be imported.
 
     Parameters
     ----------
     text : str
         As in ``campaign.toml``.
-    engines : collection of str
-        "psm", "prm" or both.
-    several : bool
-        Several images are scored together.
 
     Raises
     ------
@@ -180,17 +176,10 @@ def check_utility(text: str, engines: Collection[str], *, several: bool) -> None
     if ":" in text:
         find_utility(text)
         return
-    row = asked_for(text).row
-    if several and row.function and not row.several:
-        able = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if other.several)
-        remedy = f'Use {able}, or "module:function" of a sequence of images, or a single sensor on a single date.'
-        raise SpecError(
-            Problem("this utility scores one image, but there are several", remedy, field=_FIELD, value=text)
-        )
-    if not set(engines) <= set(row.engines):
-        known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
+    if not asked_for(text).row.function:
+        known = ", ".join(f'"{name}"' for name, row in UTILITIES.items() if row.function)
         remedy = f'Use {known} or "module:function", or ingest measured scores.'
-        raise SpecError(Problem("this engine cannot score the utility", remedy, field=_FIELD, value=text))
+        raise SpecError("images cannot be scored by this utility, which is measured", remedy, field=_FIELD, value=text)
 
 
 def score_by(
@@ -221,7 +210,7 @@ def find_utility(name: str) -> Callable[..., Any]:
     except Exception as error:  # the user's module may do anything
         text = f"the utility cannot be imported: {_words(error)}"
         remedy = "Put its module beside campaign.toml, or install its package."
-        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+        raise SpecError(text, remedy, field=_FIELD, value=name) from error
 
 
 def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:
@@ -241,16 +230,16 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"the utility failed: {_words(error)}"
         remedy = f"See line {place.lineno} of {place.filename}."
-        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+        raise SpecError(text, remedy, field=_FIELD, value=name) from error
     if isinstance(found, int | float | np.number) and not isinstance(found, bool):
         found = UtilityScore(float(found))
     if not isinstance(found, UtilityScore):
         text = (
             f"the utility returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
         )
-        raise SpecError(Problem(text, "Return one of them.", field=_FIELD, value=name))
+        raise SpecError(text, "Return one of them.", field=_FIELD, value=name)
     if not math.isfinite(found.value):
-        raise SpecError(Problem(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name))
+        raise SpecError(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name)
     return found
 
 

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import base64
 import csv
-import hashlib
 import io
 import json
-import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, astuple, fields
 from pathlib import Path
 
 from seqrsm import __version__
-from seqrsm.campaign.engines import ENGINES
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.errors import StoreError, UserError
 from seqrsm.files import put
-from seqrsm.own_code import file_of, located
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
 from seqrsm.store.store import Store
 
 FORMAT = "seqrsm-export-1"
-MAX_ATTACHED = 20_000_000
-"""A larger file [bytes] is named by its hash and not written into the export."""
 # A spreadsheet takes a cell that begins so for a formula and runs it.
 _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -41,10 +34,9 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     spec : CampaignSpec
         Its factors give the columns of settings.
     path : Path or str
-        ``NAME.json``: one document with specification, scene, runs, scores, looks, events
-        and files, from which `seqrsm.campaign.rebuild` makes the campaign anew. ``NAME.csv``: a row for each score (and
-        for each run without one), units of factors and cost in its header, which `ingest` reads back; looks, events
-        and files go to ``NAME.looks.csv`` and so on beside it.
+        ``NAME.json``: one document with specification, runs, scores, looks, events and files. ``NAME.csv``: a row for
+        each score (and for each run without one), units of factors and cost in its header, which `ingest` reads back;
+        looks, events and files go to ``NAME.looks.csv`` and so on beside it.
 
     Returns
     -------
@@ -69,7 +61,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
             names = [column.name for column in fields(made)]
             texts[target.with_suffix(f".{kind}.csv")] = csv_text(names, [astuple(record) for record in records])
     else:
-        raise StoreError(Problem("unknown kind of export", "Name a .csv or .json file.", file=str(target)))
+        raise StoreError("unknown kind of export", "Name a .csv or .json file.", file=str(target))
     for file, text in texts.items():
         put(file, text.encode("utf-8"))
     return tuple(texts)
@@ -83,7 +75,6 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "seed": spec.seed,
         "spec_hash": spec.spec_hash,
         "campaign_toml": without_store((spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig")),
-        "attached": [attached(spec.folder, path) for path in spec_files(spec)],
         "factors": [{"name": factor.name, "unit": factor.unit} for factor in spec.factors],
         **{kind: [asdict(record) for record in getattr(store, kind)()] for kind in ("runs", *KEPT)},
     }
@@ -91,39 +82,8 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
 
 
 def without_store(text: str) -> str:
-    """A specification without its table ``[store]``: an export tells no address and no password, and obeys none."""
+    """A specification without its table ``[store]``: an export tells no address and no password."""
     return re.sub(r"(?m)^[ \t]*\[[ \t]*store[ \t]*\][^\n]*\n?(?:(?![ \t]*\[)[^\n]*\n?)*", "", text)
-
-
-def own_functions(spec: CampaignSpec) -> tuple[str, ...]:
-    """Functions of the user's own, "module:function", that the campaign calls."""
-    names = [application.utility for application in spec.applications]
-    if spec.simulator is not None:
-        names += [str(spec.simulator.fixed.get(name, "")) for name in ENGINES[spec.simulator.engine].functions]
-    return tuple(dict.fromkeys(name for name in names if ":" in name))
-
-
-def spec_files(spec: CampaignSpec) -> tuple[Path, ...]:
-    """Files that the campaign's simulations read: scene, tables, beams, own code; those that are there."""
-    if spec.simulator is None or spec.scene_path is None:
-        return ()
-    fixed = (spec.simulator.fixed.get(name) for name in ENGINES[spec.simulator.engine].files)
-    paths = [spec.scene_path, *(spec.folder / str(name) for name in (spec.simulator.table, *fixed) if name)]
-    paths += [spec.folder / spec.simulator.known_map] if spec.simulator.known_map else []
-    paths += [Path(file) for name in own_functions(spec) if (file := file_of(located(spec.folder, name)))]
-    return tuple(dict.fromkeys(path for path in paths if path.is_file()))
-
-
-def attached(folder: Path, path: Path) -> dict[str, str | None]:
-    """A file of the campaign: place relative to its folder, SHA-256, and its content where it is not too large."""
-    content = path.read_bytes()
-    name = os.path.relpath(path, folder)
-    inside = not name.startswith("..") and not os.path.isabs(name)
-    return {
-        "path": Path(name).as_posix() if inside else str(path),
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "base64": base64.b64encode(content).decode("ascii") if inside and len(content) <= MAX_ATTACHED else None,
-    }
 
 
 def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], list[list[object]]]:
@@ -215,5 +175,5 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     """
     header, rows = form_rows(spec, runs)
     if path.exists():
-        raise UserError(Problem("the file exists already", "Name a new file.", file=str(path)))
+        raise UserError("the file exists already", "Name a new file.", file=str(path))
     put(path, csv_text(_with_units(header, spec), rows).encode("utf-8"))

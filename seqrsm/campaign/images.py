@@ -77,7 +77,7 @@ def write_image(
         Unknown factor, value, mask or suffix, or a sensor that cannot be.
     """
     if out.suffix.lower() not in SUFFIXES:
-        raise UserError(Problem("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out)))
+        raise UserError("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out))
     made = simulated(campaign, assignments, run_id, mask=mask, threads=threads, number=number)
     picture = picture_of(made.image)
     share, remarks = None, ""
@@ -163,11 +163,11 @@ def simulated(
         made = task.acquisitions
         if not 1 <= number <= len(made):
             labels = ", ".join(f"{i} {one.label}".rstrip() for i, one in enumerate(made, start=1))
-            raise UserError(Problem("no such image", f"These settings give {labels}.", field="--number", value=number))
+            raise UserError("no such image", f"These settings give {labels}.", field="--number", value=number)
         engine = ENGINES[made[number - 1].engine]
         if mask and mask not in engine.masks:
             remedy = f"This engine has {', '.join(engine.masks)}."
-            raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
+            raise UserError("no such mask", remedy, field="--mask", value=mask)
         scene = scene_at(task.scene)
         return Simulated(campaign, task, scene, simulate_images(task, scene, threads=threads), number)
     except (ConfigurationError, ScatteringDataError) as error:
@@ -201,7 +201,7 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
         name, sign, value = assignment.partition("=")
         if not sign or name not in region.names:
             remedy = f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml."
-            raise UserError(Problem("not a valid setting", remedy, field="--set", value=assignment))
+            raise UserError("not a valid setting", remedy, field="--set", value=assignment)
         settings[name] = value
     try:
         point = region.code([settings])

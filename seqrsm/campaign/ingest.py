@@ -152,11 +152,11 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     name = text.name
     if not ranked:
         message = "these are rankings, but no application of the campaign uses rankings"
-        raise ScoresFileError(Problem(message, 'Set utility = "rank" for one, or provide scores.', name))
+        raise ScoresFileError(message, 'Set utility = "rank" for one, or provide scores.', file=name)
     for application in ranked:
         if application.goal != "maximize":
             message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
-            raise ScoresFileError(Problem(message, 'Rank 1 is the best image: set goal = "maximize".', name))
+            raise ScoresFileError(message, 'Rank 1 is the best image: set goal = "maximize".', file=name)
     rankings = read_rankings(text, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
     images = [image for ranking in rankings for image in ranking.images]
     outside = _outside(spec, name, {im.line: im.settings for im in images if im.settings is not None})

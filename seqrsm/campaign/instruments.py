@@ -15,7 +15,7 @@ import numpy as np
 from seqrsm.campaign.engines import ENGINES, Sensor
 from seqrsm.campaign.simulation import SimulationTask, ground_of
 from seqrsm.design.factors import CategoricalFactor, span
-from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
 from seqrsm.sensor.named import NamedSensor, noise_equivalent_db, radar_of, radiometer_of
 from seqrsm.sensor.radar import RadarConfiguration
@@ -72,7 +72,7 @@ def nearest_to(sensor: NamedSensor, base: Instrument) -> Sensor:
     """
     own = [one for one in base.sensors if _engine(one) == sensor.engine]
     if not own:
-        raise ConfigurationError(Problem("the optimum has no sensor of its kind"))
+        raise ConfigurationError("the optimum has no sensor of its kind")
     wanted = sensor.values["frequency_ghz"]
     return min(own, key=lambda one: abs(math.log(one.frequency_ghz / wanted)))
 

@@ -198,7 +198,7 @@ class _ClosedLoop:
             return fitted <= terms
         message = f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights have no scores yet"
         remedy = "Add their scores with `seqrsm ingest`, or cancel them with `seqrsm void`; `run` only simulates."
-        raise StoreError(Problem(message, remedy))
+        raise StoreError(message, remedy)
 
     def _refuse_less_than_a_start(self, budget: int) -> None:
         """A smaller budget for one call ends the campaign early, and nothing else; the initial design is made whole."""
@@ -206,7 +206,7 @@ class _ClosedLoop:
         least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
         if budget < least and self.campaign.store.n_used() == 0:
             remedy = f"Give {least} or more, or omit it."
-            raise UserError(Problem(f"the initial design has {least} runs", remedy, field="--max-runs", value=budget))
+            raise UserError(f"the initial design has {least} runs", remedy, field="--max-runs", value=budget)
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
         """No others replace runs that the machine failed; batches without a single score would come for ever."""
@@ -214,7 +214,7 @@ class _ClosedLoop:
         if broken:
             text = f"{len(broken)} runs failed because of this machine and will be tried again: {broken[-1].reason}"
             remedy = f"Fix the cause and repeat the command; after {MAX_ATTEMPTS} attempts, run `seqrsm retry` first."
-            raise UserError(Problem(text, remedy))
+            raise UserError(text, remedy)
         if not made or any(run.state != "failed" for run in made):
             return
         attempts = self.campaign.spec.attempts

@@ -16,7 +16,7 @@ from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import Problem, SpecError
+from seqrsm.errors import SpecError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import PLAN, Plan, propose_batch
@@ -52,7 +52,7 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
         message = f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise"
         remedy = f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1."
         file = str(spec.folder / SPEC_NAME)
-        raise SpecError(Problem(message, remedy, file, field="[stop] max_runs", value=spec.stop.max_runs))
+        raise SpecError(message, remedy, file=file, field="[stop] max_runs", value=spec.stop.max_runs)
     return min(model.p + EXTRA_RUNS, spec.stop.max_runs)
 
 

@@ -86,7 +86,7 @@ def acquisitions_of(
     if any(dated) and not all(dated):
         name = found[dated.index(False)].name
         text = f"the sensor {name} of the set has no date, others have"
-        raise ConfigurationError(Problem(text, "Give first_day to all of them, or to none", field="first_day"))
+        raise ConfigurationError(text, "Give first_day to all of them, or to none", field="first_day")
     days = tuple(sorted({day for member in found for day in member.dates.on}))
     return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
 
@@ -105,7 +105,7 @@ def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acq
         if sensor.season != DEFAULT_SEASON or sensor.snow != "none":
             text = "the season follows from the dates"
             remedy = "Leave season and snow out, or first_day"
-            raise ConfigurationError(Problem(text, remedy, field="season", value=sensor.season))
+            raise ConfigurationError(text, remedy, field="season", value=sensor.season)
         on = dict.fromkeys(member.dates.on, sensor)
     else:
         on = {day: replace(sensor, day_of_year=day) for day in member.dates.on}
@@ -197,13 +197,11 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         The campaign has no simulator, or one that cannot score what is asked for.
     """
     if spec.simulator is None or spec.scene_path is None:
-        raise SpecError(
-            Problem("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
-        )
+        raise SpecError("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        check_utility(name, (spec.simulator.engine,), several=False)
+        check_utility(name)
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
@@ -372,15 +370,15 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         remedy = (
             "Issue runs with `seqrsm propose DIR --csv FILE`, fly them, fill in the scores, `seqrsm ingest DIR FILE`."
         )
-        raise SpecError(Problem(message, remedy, file=str(spec.folder / SPEC_NAME)))
+        raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME))
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
-        raise SpecError(Problem("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path)))
+        raise SpecError("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path))
     classifies = any(utility_of(one.utility).classifies for one in spec.applications)
     if spec.simulator.known_map and not classifies:
         text = "no utility of this campaign classifies covers, so a map has no effect"
         remedy = "Remove known_map, or add an [[application]] that classifies."
-        raise SpecError(Problem(text, remedy, str(spec.folder / SPEC_NAME), field="[simulator] known_map"))
+        raise SpecError(text, remedy, file=str(spec.folder / SPEC_NAME), field="[simulator] known_map")
     lone = _covers_of_one_field(spec, scene) if classifies else ()
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     if centre.known_map:
@@ -388,9 +386,7 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     combinations = _check_sensors(spec)
     first = carry_out(centre)
     if first.failure:
-        raise SpecError(
-            Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
-        )
+        raise SpecError(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
     return (*combinations, *lone)
 
 
@@ -403,7 +399,7 @@ def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
     if len(covers) == 1:
         text = f"all scored ground is {scene.categories[covers[0]]}: there is nothing to tell apart"
         remedy = "Use a scene with at least two covers, or a utility that needs one, such as soil_moisture_error."
-        raise SpecError(Problem(text, remedy, file=str(spec.scene_path)))
+        raise SpecError(text, remedy, file=str(spec.scene_path))
     # A field larger than a tile is divided by the tiles.
     small = [(k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1]]
     return tuple(
@@ -450,10 +446,8 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
 
 
 def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
-    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
+    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated."""
     made = task.acquisitions
-    for _, utility in task.utilities:
-        check_utility(utility, {one.engine for one in made}, several=len(made) > 1)
     notes: list[str] = []
     for one in made:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,10 +11,10 @@ from statistics import median
 from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
-from seqrsm.errors import FitError, SeqrsmError
+from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 from seqrsm.store.store import Store
@@ -83,31 +83,6 @@ def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
         if run.state == "scored" and isinstance(kept, Mapping):
             seconds.setdefault(int(kept.get("averaged", 1)), []).append(float(kept.get("seconds", 0.0)))
     return [{"averaged": k, "runs": len(own), "seconds": median(own)} for k, own in sorted(seconds.items())]
-
-
-def campaigns_in(folder: Path) -> tuple[Path, ...]:
-    """Campaigns directly in a folder that is none itself, by name; empty otherwise."""
-    if not folder.is_dir() or (folder / SPEC_NAME).exists():
-        return ()
-    return tuple(sorted(path.parent for path in folder.glob(f"*/{SPEC_NAME}")))
-
-
-def overview(folders: Sequence[Path], on_campaign: Callable[[int, int], None]) -> list[dict[str, Any]]:
-    """Where each of several campaigns stands; one that cannot be read does not hide the others.
-
-    Returns
-    -------
-    list of dict
-        As of `campaign_status`, with the ``folder``; ``error`` instead where there is one.
-    """
-    found: list[dict[str, Any]] = []
-    for index, folder in enumerate(folders):
-        on_campaign(index, len(folders))
-        try:
-            found.append({"folder": folder.name, **campaign_status(folder)})
-        except SeqrsmError as error:
-            found.append({"folder": folder.name, "error": str(error)})
-    return found
 
 
 def latest_look(

@@ -21,7 +21,7 @@ from math import inf
 
 from seqrsm.catalog.search import entries_about, platforms_called, table_called, words_of
 from seqrsm.catalog.tables import Entry, Range, load_catalog, rows_of
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 
 #: Where an open side is closed when only one number is printed: value, and the print that gives it.
 _TABLE_EDGES = {
@@ -251,14 +251,14 @@ def _none_found(words: str, system: str) -> UserError:
     for kind, named in (("table", table_called(words)), ("spacecraft", platforms_called(words))):
         if named:
             hint = f"Name what you want to observe; `seqrsm catalog {words.strip()}` shows the {kind}."
-            return UserError(Problem(f"this is a {kind}, not an application", hint, value=words))
+            return UserError(f"this is a {kind}, not an application", hint, value=words)
     elsewhere = any(entry.system != system for entry in entries_about(words))
     entries = [entry for entry in load_catalog().entries if entry.system == system or not elsewhere]
     known = {word for entry in entries for word in words_of(entry.name)}
     near = [match for word in words_of(words) for match in difflib.get_close_matches(word, known, n=2)]
     hint = f"Near words in the tables: {', '.join(dict.fromkeys(near))}." if near else "Use fewer or other words."
     kind = f"{system} application" if elsewhere else "application"
-    return UserError(Problem(f"no {kind} of Tables A.1 to A.20 holds all of these words", hint, value=words))
+    return UserError(f"no {kind} of Tables A.1 to A.20 holds all of these words", hint, value=words)
 
 
 def start_ranges(words: str, *, system: str = "active") -> StartRanges:
@@ -283,7 +283,7 @@ def start_ranges(words: str, *, system: str = "active") -> StartRanges:
         No words, or no entry that holds them all.
     """
     if not words_of(words):
-        raise UserError(Problem("no words to look up", "Name an application, such as 'soil moisture'.", value=words))
+        raise UserError("no words to look up", "Name an application, such as 'soil moisture'.", value=words)
     entries = entries_about(words, system=system)
     if not entries:
         raise _none_found(words, system)

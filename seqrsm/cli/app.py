@@ -34,7 +34,7 @@ from seqrsm.cli.console import (
 from seqrsm.cli.doctor import doctor
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import SpecError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -144,41 +144,24 @@ def init(
         Path | None, typer.Option(metavar="FILE", help="Your own scene, with --application (see `seqrsm scene`).")
     ] = None,
     more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="Further words of --application.")] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="Rebuild a campaign from the .json of `seqrsm export`."),
-    ] = None,
-    trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Accept the code in the export, once you have read it.")
-    ] = False,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Create a campaign folder. From a template, from literature requirements for an application, or from an export."""
+    """Create a campaign folder. From a template, or from literature requirements for an application."""
     from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
         show_table(["template", "question"], list(templates().items()), sides=("left",))
         return
     if more and len(application or ()) != 1:
-        raise UserError(
-            Problem("init creates one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
-        )
+        raise UserError("init creates one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
     if scene is not None and not application:
-        raise UserError(Problem("--scene needs --application", "Add --application WORDS.", field="--scene"))
+        raise UserError("--scene needs --application", "Add --application WORDS.", field="--scene")
     application = application or None
-    if folder is None or [template, application, source].count(None) != 2:
+    if folder is None or (template is None) == (application is None):
         raise UserError(
-            Problem(
-                "init needs a folder and one of template, application or export",
-                "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
-            )
+            "init needs a folder and one of template or application",
+            "Write: seqrsm init DIR --template NAME (--list names them), or --application WORDS.",
         )
-    if source is not None:
-        from seqrsm.campaign.rebuild import rebuild
-
-        rebuild(source, folder, trust_code=trust_code)
-        say(f"created {folder} from {source}; next: seqrsm status {folder}")
-        return
     if application is not None:
         from seqrsm.cli.show_catalog import say_made
 
@@ -220,7 +203,7 @@ def check(
         show_sections(check_sections(result, every_note=verbose))
         line()
     if result.refused:
-        raise SpecError(Problem(result.refused, file=str(folder / "campaign.toml"), field="[stop]"))
+        raise SpecError(result.refused, file=str(folder / "campaign.toml"), field="[stop]")
     if not as_json:
         if result.target_problem:
             line(f"Warning: {result.target_problem}")
@@ -350,7 +333,7 @@ def void(
 ) -> None:
     """Exclude a run or a ranking from the fit. Nothing is ever deleted."""
     if (run_id is None) == (ranking is None):
-        raise UserError(Problem("void excludes one run or one ranking", "Give RUN_ID, or --ranking N."))
+        raise UserError("void excludes one run or one ranking", "Give RUN_ID, or --ranking N.")
     if run_id is not None:
         _opened(folder).opened.store.void(run_id, why)
         say(f"run {run_id} is void: {why}")
@@ -400,19 +383,11 @@ def status(
     history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show runs, optimum, intervals and decision. For a folder of campaigns, one line each."""
-    from seqrsm.campaign.status import campaign_status, campaigns_in, overview
-    from seqrsm.cli.show import show_overview
+    """Show runs, optimum, intervals and decision."""
+    from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show_fit import show_status
     from seqrsm.spec.read import load_spec
 
-    if folders := campaigns_in(folder):
-        if history:
-            raise UserError(Problem("--history needs a single campaign", f"Name one: {folders[0]}", field="--history"))
-        with display("reading", inner=False) as shown:
-            found = overview(folders, partial(shown.count, "reading"))
-        print_json({"campaigns": found}) if as_json else show_overview(found)
-        return
     with display("reading"):
         result = campaign_status(folder, history=history)
     print_json(result) if as_json else show_status(load_spec(folder), result)
@@ -531,34 +506,6 @@ def image(
 app.command()(design)
 app.command()(catalog)
 app.command()(parameters)
-
-
-@app.command("plan")
-@guarded
-def plan_page(
-    folder: Folder,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Page to write [default: reports/plan.html].")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Write an interactive planning page.
-
-    An offline HTML page: vary factors, budget and target, and see half-width, expected loss and cost.
-    """
-    from seqrsm.campaign.check import plan_campaign
-    from seqrsm.files import put
-    from seqrsm.report.html import render_plan
-
-    campaign = _opened(folder).opened
-    with display("planning", inner=False) as shown:
-        analyses = campaign.analyse_all() if campaign.store.runs("scored") else ()
-        document = plan_campaign(campaign.spec, analyses, partial(shown.count, "planning"))
-    if as_json:
-        print_json(document)
-    else:
-        page, text = out or folder / "reports" / "plan.html", render_plan(document, analyses)
-        say(f"wrote {put(page, text.encode('utf-8'), make_folder=True)}")
 
 
 @app.command("help")

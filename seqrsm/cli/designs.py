@@ -1,10 +1,10 @@
-"""``seqrsm design``: an optimal or classical design without a campaign."""
+"""``seqrsm design``: an optimal design without a campaign."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,14 +12,13 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.export import factor_columns
-from seqrsm.design import classical
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import DesignReport, evaluate_design
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
+from seqrsm.errors import Problem, ScoresFileError, UserError
 from seqrsm.files import put
 from seqrsm.plain import plain
 from seqrsm.rng import generator
@@ -29,7 +28,7 @@ _MAX_FACTORS = 8
 
 
 def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
-    return UserError(Problem(message, remedy, field=field, value=value))
+    return UserError(message, remedy, field=field, value=value)
 
 
 def parse_factor(text: str) -> Factor:
@@ -104,37 +103,10 @@ def read_prior_runs(path: Path, region: Region) -> FloatArray:
     return region.code([settings for _, settings in rows])
 
 
-def _classical(kind: str, factors: tuple[Factor, ...], runs: int | None, centre: int | None) -> FloatArray:
-    """Coded points of a classical design; levels of discrete factors are the nearest ones."""
-    k = len(factors)
-    if any(isinstance(factor, CategoricalFactor) for factor in factors):
-        remedy = "Use an optimal design."
-        raise _wrong("classical designs are for numeric factors", remedy, "--design", kind)
-    made: dict[str, Callable[[], FloatArray]] = {
-        "factorial": lambda: np.vstack([classical.full_factorial([2] * k), np.zeros((centre or 0, k))]),
-        "factorial3": lambda: np.vstack([classical.full_factorial([3] * k), np.zeros((centre or 0, k))]),
-        "ccd-face": lambda: classical.central_composite(k, "face", 3 if centre is None else centre),
-        "ccd-rotatable": lambda: classical.central_composite(k, "rotatable", 3 if centre is None else centre),
-        "ccd-inscribed": lambda: classical.central_composite(k, "inscribed", 3 if centre is None else centre),
-    }
-    if kind not in made:
-        raise _wrong("unknown design", f"Use optimal, {', '.join(made)}.", "--design", kind)
-    points = made[kind]()
-    if runs is not None and runs != len(points):
-        remedy = "Leave --runs out, or use --centre or another design."
-        raise _wrong(f"this design has {len(points)} runs", remedy, "--runs", runs)
-    for j, axis in enumerate(Region(factors).axes):
-        if axis is not None:
-            points[:, j] = axis[np.argmin(np.abs(points[:, j][:, None] - axis), axis=1)]
-    return points
-
-
 def _optimal(
-    model: QuadraticModel, region: Region, prior: FloatArray, runs: int | None, centre: int, criterion: str, seed: int
+    model: QuadraticModel, region: Region, prior: FloatArray, runs: int, centre: int, criterion: str, seed: int
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Points, and what the search tells."""
-    if runs is None:
-        raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
     if centre >= runs:
         remedy = "Give fewer, or more --runs, which include those at the centre."
         raise _wrong("no runs remain besides those at the centre", remedy, "--centre", centre)
@@ -152,11 +124,10 @@ def standalone_design(
     factors: tuple[Factor, ...],
     constraints: Sequence[str] = (),
     *,
-    runs: int | None = None,
-    kind: str = "optimal",
+    runs: int,
     criterion: str = "D",
     order: int = 2,
-    centre: int | None = None,
+    centre: int = 0,
     prior_runs: Path | None = None,
     seed: int = 1979,
     random_order: bool = False,
@@ -168,10 +139,8 @@ def standalone_design(
     factors : tuple of Factor
         See `factors_of`.
     constraints : sequence of str
-    runs : int or None
-        Runs to choose; None for classical designs that have their own number.
-    kind : str
-        "optimal", or a classical one by its name.
+    runs : int
+        Runs to choose, those at the centre among them.
     criterion : str
     order : int
         1 or 2.
@@ -200,16 +169,7 @@ def standalone_design(
     region = Region(factors, tuple(Constraint(text) for text in constraints))
     model = QuadraticModel(factors, order)
     prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
-    told: dict[str, Any] = {"seed": seed}
-    if kind == "optimal":
-        points, told = _optimal(model, region, prior, runs, centre or 0, criterion, seed)
-    else:
-        points = _classical(kind, factors, runs, centre)
-        out_of_region = np.flatnonzero(~region.feasible(points)) if constraints else np.empty(0)
-        if len(out_of_region):
-            message = f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint"
-            remedy = "Use an optimal design, which stays within the region."
-            raise DesignError(Problem(message, remedy, field="--design", value=kind))
+    points, told = _optimal(model, region, prior, runs, centre, criterion, seed)
     if random_order:
         points = points[generator(seed, 0, "order of runs").permutation(len(points))]
     report = evaluate_design(model, region, np.vstack([prior, points]))
@@ -219,31 +179,26 @@ def standalone_design(
         "runs": len(points),
         "prior_runs": len(prior),
         "terms": model.p,
-        "design": kind,
-        "criterion": criterion.upper() if kind == "optimal" else None,
+        "criterion": criterion.upper(),
         "run_order": "random" if random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
         **plain({name: getattr(report, name) for name in _QUALITY}),
-        "aliases": list(report.aliases),
-        "warnings": _warnings(region, points, report),
+        "warnings": _warnings(report),
         **told,
     }
 
 
 _QUALITY = (
-    *("d_efficiency", "i_efficiency", "g_efficiency", "d_value", "a_value", "i_value", "g_value", "condition_number"),
-    *("rank", "n_distinct", "df_pure_error", "leverage", "fraction_of_design_space"),
+    *("d_efficiency", "i_efficiency", "d_value", "a_value", "i_value", "condition_number"),
+    *("n_distinct", "df_pure_error", "leverage", "fraction_of_design_space"),
 )
 """Of `DesignReport`."""
 
 
-def _warnings(region: Region, points: FloatArray, report: DesignReport) -> list[str]:
-    warnings = [f"cannot be estimated: {alias}" for alias in report.aliases]
-    outside = int(np.count_nonzero(np.any(np.abs(points[:, list(region.numeric)]) > 1.0 + 1e-9, axis=1)))
-    if outside:
-        warnings.append(f"{outside} of {len(points)} runs lie outside the factors' bounds")
-    if report.rank == report.n_terms and report.condition_number > 1e3:
+def _warnings(report: DesignReport) -> list[str]:
+    warnings = []
+    if report.condition_number > 1e3:
         warnings.append(f"the design is ill-conditioned (condition number {report.condition_number:.2g})")
     if report.n_runs == report.n_terms:
         warnings.append("as many runs as terms: the scatter cannot be estimated")

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from seqrsm.cli.console import ascii_signs, heading, line, stdout
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 from seqrsm.spec.templates import packaged
 
 _GUIDES = ("campaigns", "reports", "seqrsm")
@@ -73,5 +73,5 @@ def about(words: str) -> list[Topic]:
             found.append(one)
     found = found or [one for one in known if wanted in one.text.casefold()]
     if not found:
-        raise UserError(Problem("no guide covers this topic", "seqrsm help lists the topics.", value=words))
+        raise UserError("no guide covers this topic", "seqrsm help lists the topics.", value=words)
     return found

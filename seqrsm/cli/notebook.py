@@ -14,7 +14,7 @@ from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -147,14 +147,14 @@ class Campaign:
             from seqrsm.spec.templates import copy_template
 
             if factors is not None or half_width is not None or tables:
-                raise UserError(Problem("a template has its own factors and tables", "Edit its campaign.toml."))
+                raise UserError("a template has its own factors and tables", "Edit its campaign.toml.")
             copy_template(template, place)
             return cls(place)
         from seqrsm.spec.write import create_campaign, factor_tables
 
         if not factors or not isinstance(factors, Mapping) or half_width is None:
             remedy = "Give both, or a template."
-            raise UserError(Problem("a campaign needs factors, a mapping by name, and half_width", remedy))
+            raise UserError("a campaign needs factors, a mapping by name, and half_width", remedy)
         named = {"name": application, "utility": "measured"} if isinstance(application, str) else application
         content: dict[str, Any] = {
             "factor": factor_tables(factors),
@@ -195,9 +195,9 @@ class Campaign:
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
         """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
         if n is not None and (isinstance(n, bool) or not hasattr(n, "__index__") or n < 1):
-            raise UserError(Problem("the number of runs is a whole number from 1", "Correct it.", value=n))
+            raise UserError("the number of runs is a whole number from 1", "Correct it.", value=n)
         if self.spec.simulator is None and source in ("simulation", "best"):
-            raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
+            raise UserError("this campaign has no simulator", "Use flight.", field="--source", value=source)
         return list(self.opened.propose(n, source=source, csv=csv))
 
     def propose(self, n: int | None = None, *, source: str | None = None) -> DataFrame:

@@ -8,39 +8,13 @@ from typing import TYPE_CHECKING, Any
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.plain import counted
-from seqrsm.report.rounding import format_plain, format_significant
-from seqrsm.report.wording import with_unit
+from seqrsm.report.rounding import format_significant
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.scene.scene import Scene
-
-
-def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
-    """A line for every application of several campaigns."""
-    rows = []
-    for one in found:
-        if "error" in one:
-            continue
-        states = one["runs"]
-        waiting = sum(states.get(state, 0) for state in ("proposed", "issued", "running"))
-        counts = [str(states.get("scored", 0)), str(waiting), str(states.get("failed", 0))]
-        for application in one["applications"]:
-            look = application["last_look"]
-            unit = application["unit"]
-            mean = "-" if look is None else with_unit(known_text(look["optimum"]["mean"]), unit)
-            width = "-" if look is None else f"\u00b1 {with_unit(known_text(look['half_width']), unit)}"
-            target = f"\u00b1 {with_unit(format_plain(one['target_half_width']), unit)}"
-            decision = "-" if look is None else "stop" if look["held"] else "continue"
-            rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
-    heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]
-    if rows:
-        show_table(heads, rows, sides=("left", *(["right"] * 7), "left"))
-    for one in found:
-        if "error" in one:
-            line(f"{one['folder']}: {one['error']}")
 
 
 def known_text(value: float | None, digits: int = 3) -> str:

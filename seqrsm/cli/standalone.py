@@ -10,16 +10,16 @@ from typing import Annotated, Any
 import typer
 
 from seqrsm.cli.console import AsJson, display, guarded, print_json
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 
 
 @guarded
 def design(
+    runs: Annotated[int, typer.Option(min=1, help="Number of runs.")],
     factors: Annotated[
         int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
-    criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I, A or G.")] = "D",
+    criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I or A.")] = "D",
     factor: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=...", help="Instead of --factors: x=1:10, f=1:18:log, looks=1,2,4 or pol=HH,HV."),
@@ -27,11 +27,8 @@ def design(
     constraint: Annotated[
         list[str] | None, typer.Option(metavar="EXPR", help="Constraint, such as 'a + b <= 1'.")
     ] = None,
-    kind: Annotated[
-        str, typer.Option("--design", help="optimal, factorial, factorial3, ccd-face, ccd-rotatable or ccd-inscribed.")
-    ] = "optimal",
     order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
-    centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,
+    centre: Annotated[int, typer.Option(min=0, help="Runs at the centre.")] = 0,
     prior_runs: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV of runs already made, which the design augments.")
     ] = None,
@@ -40,17 +37,14 @@ def design(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
 ) -> None:
-    """Make and evaluate a stand-alone design.
-
-    Searches for an optimal design for a polynomial model, or makes a classical one.
-    """
+    """Make and evaluate a stand-alone optimal design for a polynomial model."""
     from seqrsm.cli.designs import factors_of, standalone_design, write_design
     from seqrsm.cli.show import show_design
 
     with display("searching"):
         result = standalone_design(
-            factors_of(factors, factor or ()), constraint or (), runs=runs, kind=kind, criterion=criterion,
-            order=order, centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
+            factors_of(factors, factor or ()), constraint or (), runs=runs, criterion=criterion, order=order,
+            centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
         )  # fmt: skip
     if csv is not None:
         write_design(csv, result)
@@ -87,7 +81,7 @@ def catalog(
             nearest = named.nearest_names(asked, [one.name for one in whole.platforms])
             like = f"Similar names: {', '.join(nearest)}. " if nearest else ""
             remedy = f"{like}`seqrsm catalog` lists the tables."
-            raise UserError(Problem("no sensor, platform or application matches", remedy, field="WORDS", value=asked))
+            raise UserError("no sensor, platform or application matches", remedy, field="WORDS", value=asked)
         if as_json:
             document = {"entries": to_json(entries), "platforms": to_json(platforms)}
             print_json({**document, "sensors": [named.to_json(one) for one in sensors]})
@@ -112,7 +106,7 @@ def parameters(
 
     sensors = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}
     if engine not in sensors:
-        raise UserError(Problem("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine))
+        raise UserError("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine)
     rows = [*listed(*sensors[engine]), *listed(CALENDAR, Dates)]
     print_json(rows) if as_json else show_parameters(rows)
 
@@ -146,7 +140,7 @@ def output_schema(command: str) -> dict[str, Any]:
     held = json.loads(Path(__file__).with_name("json_schemas.json").read_text(encoding="utf-8"))
     if command not in held["commands"]:
         remedy = f"Use one of {', '.join(held['commands'])}; without a command, the schema is that of campaign.toml."
-        raise UserError(Problem("no command of this name has --json", remedy, field="COMMAND", value=command))
+        raise UserError("no command of this name has --json", remedy, field="COMMAND", value=command)
     needed: dict[str, Any] = {}
     left = [held["commands"][command]]
     while left:

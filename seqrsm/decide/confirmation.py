@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr
 
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.intervals import t_quantile
 from seqrsm.plain import known
 
@@ -82,12 +82,10 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
     values = np.asarray(scores, dtype=np.float64).ravel()
     if len(values) < 2 or not np.all(np.isfinite(values)):
         raise FitError(
-            Problem(
-                "a confirmation interval needs at least two finite scores",
-                "Make at least five confirmation runs at the recommended settings.",
-                field="scores",
-                value=values.tolist(),
-            )
+            "a confirmation interval needs at least two finite scores",
+            "Make at least five confirmation runs at the recommended settings.",
+            field="scores",
+            value=values.tolist(),
         )
     mean, s = float(values.mean()), float(values.std(ddof=1))
     half = float(t_quantile(len(values) - 1, level)) * s / np.sqrt(len(values))
@@ -126,9 +124,7 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
     right, n = np.asarray(correct, dtype=np.float64).ravel(), np.asarray(trials, dtype=np.float64).ravel()
     if len(right) < 2 or len(right) != len(n) or not np.all((n >= 1.0) & (right >= 0.0) & (right <= n)):
         remedy = "Give correct and n of at least two confirmation runs, 0 <= correct <= n."
-        raise FitError(
-            Problem("these are not counts of confirmation runs", remedy, field="correct", value=right.tolist())
-        )
+        raise FitError("these are not counts of confirmation runs", remedy, field="correct", value=right.tolist())
     total, m = float(n.sum()), len(n)
     share = float(right.sum()) / total
     spread = float(np.sum(n * (right / n - share) ** 2)) / (m - 1)

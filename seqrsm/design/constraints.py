@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import Problem, RegionError
+from seqrsm.errors import RegionError
 
 MAX_CHARACTERS = 500
 MAX_NODES = 100
@@ -46,7 +46,7 @@ class _Parser:
     def fail(self, message: str, node: ast.AST | None = None) -> RegionError:
         column = getattr(node, "col_offset", None)
         where = "" if column is None else f" at column {column + 1}"
-        return RegionError(Problem(f"{message}{where}", ALLOWED, field="constraint", value=self.text[:MAX_CHARACTERS]))
+        return RegionError(f"{message}{where}", ALLOWED, field="constraint", value=self.text[:MAX_CHARACTERS])
 
     def parse(self) -> Node:
         if len(self.text) > MAX_CHARACTERS:
@@ -281,7 +281,7 @@ class Constraint:
 
     def __post_init__(self) -> None:
         if not isinstance(self.expr, str) or not self.expr.strip():
-            raise RegionError(Problem("a constraint is empty or no text", ALLOWED, value=self.expr))
+            raise RegionError("a constraint is empty or no text", ALLOWED, value=self.expr)
         parser = _Parser(self.expr)
         object.__setattr__(self, "_tree", parser.parse())
         object.__setattr__(self, "numeric_names", frozenset(parser.numeric))

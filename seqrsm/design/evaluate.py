@@ -1,4 +1,4 @@
-"""How good a design is: efficiencies, prediction variance over the region, conditioning, terms that it cannot tell."""
+"""How good a design is: efficiencies, prediction variance over the region, conditioning; terms not told apart."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.arrays import FloatArray
 from seqrsm.design import search
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -20,14 +20,10 @@ from seqrsm.design.region import Region
 _D_BOUND = (0.5291336839893998, 0.4745937662, 0.4744782067, 0.4885696454, 0.5068587164, 0.5259919962, 0.5446948684)
 _I_BOUND = (2.1333333333333333, 3.586215760, 5.275409587, 7.163453067, 9.232581693, 11.473244551, 13.879544375)
 
-_ALIAS_TOLERANCE = 1e-8
+_TOLERANCE = 1e-8
 _SAMPLE = 10_000
 _SEED = 71_993
-_COVER_LEVELS = {1: 41, 2: 21, 3: 11, 4: 7}
-_ASCENTS, _SWEEPS = 4000, 60
-_LINE_PLACES, _NEWTON_STEPS = 17, 6
 _SEQUENCE, _ENOUGH, _MOMENTS_SEED = 1 << 17, 1000, 33_391
-_ALIASES = 6  # named in an alias; those of an unstructured design are many and small
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,21 +32,14 @@ class DesignReport:
 
     Attributes
     ----------
-    n_runs, n_terms, rank : int
-        N, p, and the rank of the model matrix.
-    aliases : tuple of str
-        For each term that is a combination of the others at these runs that combination, as in
-        ``"x^2 = +1 intercept"``.
+    n_runs, n_terms : int
+        N and p.
     condition_number : float
-        Of the column-scaled model matrix; inf where the rank is short.
-    d_value, a_value, i_value, g_value : float
-        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean and largest scaled prediction variance N z'(Z'Z)^-1 z over the region;
-        nan where the rank is short.
+        Of the column-scaled model matrix.
+    d_value, a_value, i_value : float
+        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region.
     d_efficiency, i_efficiency : float or None
         Against the best continuous design, where tabulated and all runs lie in the region.
-    g_efficiency : float
-        p over the largest scaled prediction variance, in (0, 1]; nan where runs lie outside the region, as these can
-        do better in it than any design within.
     fraction_of_design_space : ndarray (101,)
         Scaled prediction variance that 0, 1 ... 100 % of the region does not exceed.
     leverage : ndarray (N,)
@@ -61,16 +50,12 @@ class DesignReport:
 
     n_runs: int
     n_terms: int
-    rank: int
-    aliases: tuple[str, ...]
     condition_number: float
     d_value: float
     a_value: float
     i_value: float
-    g_value: float
     d_efficiency: float | None
     i_efficiency: float | None
-    g_efficiency: float
     fraction_of_design_space: FloatArray
     leverage: FloatArray
     n_distinct: int
@@ -85,55 +70,24 @@ def continuous_bound(model: QuadraticModel, criterion: str) -> float | None:
     return {"D": _D_BOUND, "I": _I_BOUND}[criterion][k - 1]
 
 
-def condition(Z: FloatArray) -> tuple[float, int]:
-    """Condition number and rank of a model matrix (n, p) after scaling its columns to length one."""
-    norms = np.linalg.norm(Z, axis=0)
-    scaled = Z / np.where(norms > 0.0, norms, 1.0)
-    values = np.linalg.svd(scaled, compute_uv=False)
-    rank = int(np.count_nonzero(values > _ALIAS_TOLERANCE * values[0])) if values.size and values[0] > 0.0 else 0
-    full = rank == Z.shape[1]
-    return (float(values[0] / values[-1]) if full else np.inf), rank
+def condition(Z: FloatArray) -> float:
+    """Condition number of a model matrix (n, p) whose columns are scaled to length one."""
+    return float(np.linalg.cond(Z / np.linalg.norm(Z, axis=0)))
 
 
-def inestimable_terms(
-    model: QuadraticModel, points: FloatArray, tolerance: float = _ALIAS_TOLERANCE
-) -> tuple[str, ...]:
+def inestimable_terms(model: QuadraticModel, points: FloatArray, tolerance: float = _TOLERANCE) -> tuple[str, ...]:
     """Names of terms of which these points (n, k) leave no more than such a share beside the terms before them."""
-    return tuple(name for name, _ in _dependences(model, points, tolerance))
-
-
-def _dependences(
-    model: QuadraticModel, points: FloatArray, tolerance: float = _ALIAS_TOLERANCE
-) -> list[tuple[str, FloatArray]]:
-    """Terms in model order that add nothing to those before them, each with its coefficients (p,) on these."""
     Z = model.matrix(points)
     kept: list[int] = []
-    found: list[tuple[str, FloatArray]] = []
-    for column in range(model.p):
+    found = []
+    for column, term in enumerate(model.terms):
         z = Z[:, column]
-        coefficients = np.zeros(model.p)
-        rest = z
-        if kept:
-            solution = np.linalg.lstsq(Z[:, kept], z, rcond=None)[0]
-            coefficients[kept] = solution
-            rest = z - Z[:, kept] @ solution
+        rest = z - Z[:, kept] @ np.linalg.lstsq(Z[:, kept], z, rcond=None)[0] if kept else z
         if np.linalg.norm(rest) <= tolerance * max(float(np.linalg.norm(z)), 1e-300):
-            found.append((model.terms[column].name, coefficients))
+            found.append(term.name)
         else:
             kept.append(column)
-    return found
-
-
-def alias_relations(model: QuadraticModel, points: FloatArray) -> tuple[str, ...]:
-    """Each inestimable term written as a combination of the others, as in ``"x^2 = +1 intercept"``."""
-    relations = []
-    for name, coefficients in _dependences(model, points):
-        held = np.flatnonzero(np.abs(coefficients) > 1e-6)
-        largest = held[np.argsort(-np.abs(coefficients[held]), kind="stable")[:_ALIASES]]
-        parts = [f"{coefficients[t]:+.4g} {model.terms[t].name}" for t in np.sort(largest)]
-        more = f" and {len(held) - _ALIASES} others" if len(held) > _ALIASES else ""
-        relations.append(f"{name} = {' '.join(parts) or '0'}{more}")
-    return tuple(relations)
+    return tuple(found)
 
 
 def prediction_variance(model: QuadraticModel, points: FloatArray, at: FloatArray) -> FloatArray:
@@ -149,148 +103,37 @@ def prediction_variance(model: QuadraticModel, points: FloatArray, at: FloatArra
 
 
 def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -> DesignReport:
-    """Figures of any design: see :class:`DesignReport`.
+    """Figures of a design that can estimate every term: see :class:`DesignReport`.
 
-    The largest prediction variance is looked for at the candidates of the region and improved by exact coordinate
-    ascent, as it is a quartic in each coordinate; mean variance from the region's moments; the fraction-of-design-space
-    curve from 10000 random points (Zahran, Anderson-Cook & Myers 2003, J. Quality Technology 35, 377-386).
+    Mean variance from the region's moments; the fraction-of-design-space curve from 10000 random points (Zahran,
+    Anderson-Cook & Myers 2003, J. Quality Technology 35, 377-386).
     """
     Z = model.matrix(points)
     n, p = Z.shape
-    number, rank = condition(Z)
     distinct = np.unique(np.round(points, 9), axis=0).shape[0]
-    if rank < p:
-        nan = float("nan")
-        return DesignReport(
-            n, p, rank, alias_relations(model, points), number, nan, nan, nan, nan, None, None, nan,
-            np.full(101, nan), np.full(n, nan), distinct, n - distinct,
-        )  # fmt: skip
     R = qr(Z, mode="r")[0][:p]
     inverse_root = solve_triangular(R, np.eye(p))
     inverse = inverse_root @ inverse_root.T
     d_value = float(np.exp(2.0 * np.mean(np.log(np.abs(np.diag(R)))))) / n
     i_value = n * float(np.sum(inverse * region_moments(model, region)))
-    g_value = n * largest_variance(model, region, inverse)[0]
     sample = region.sample(_SAMPLE, np.random.default_rng(_SEED))
     curve = np.quantile(prediction_variance(model, points, sample), np.linspace(0.0, 1.0, 101))
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
-    inside = bool(np.all(region.feasible(points)))
-    comparable = region.is_box and inside
+    comparable = region.is_box and bool(np.all(region.feasible(points)))
     return DesignReport(
         n_runs=n,
         n_terms=p,
-        rank=rank,
-        aliases=(),
-        condition_number=number,
+        condition_number=condition(Z),
         d_value=d_value,
         a_value=n * float(np.trace(inverse)) / p,
         i_value=i_value,
-        g_value=g_value,
         d_efficiency=d_value / d_bound if d_bound is not None and comparable else None,
         i_efficiency=i_bound / i_value if i_bound is not None and comparable else None,
-        g_efficiency=p / g_value if inside else float("nan"),
         fraction_of_design_space=curve,
         leverage=np.sum((Z @ inverse_root) ** 2, axis=1),
         n_distinct=distinct,
         df_pure_error=n - distinct,
     )
-
-
-def largest_variance(
-    model: QuadraticModel, region: Region, inverse: FloatArray, ascents: int = _ASCENTS, sweeps: int = _SWEEPS
-) -> tuple[float, FloatArray]:
-    """Largest z'Dz over the region for D (p, p), and the places (m, k) of its highest maxima.
-
-    Best candidates, at most ``ascents`` of them, then coordinate ascent along feasible intervals, at most ``sweeps``
-    times each.
-    """
-    points = region.candidates(_COVER_LEVELS.get(len(region.continuous), 5), limit=20_000)
-    rows = model.matrix(points)
-    values = np.einsum("ij,jk,ik->i", rows, inverse, rows)
-    # One ascent from everywhere, then from the places that these ended at: the best candidates alone may share a hill.
-    points = points[np.argsort(-values, kind="stable")[:ascents]].copy()
-    best = float(values.max())
-    for number in range(sweeps):
-        before, start = best, points.copy()
-        for j in region.continuous:
-            spans, counts = region.line_intervals_of(points, j)
-            way = np.zeros_like(points)
-            way[:, j] = 1.0
-            best = max(best, _ascend(model, inverse, points, way, spans - points[:, j][:, None, None], counts))
-        if number < 2:
-            points = np.unique(np.round(points, 4 + number), axis=0)
-            continue
-        if region.is_box:
-            # Along the way of the sweep: ridges that run askew are climbed by it.
-            way = points - start
-            best = max(best, _ascend(model, inverse, points, way, *_reach(points, way)))
-        if best <= before * (1.0 + 1e-13) and np.max(np.abs(points - start), initial=0.0) < 1e-5:
-            break
-    rows = model.matrix(points)
-    heights = np.einsum("ij,jk,ik->i", rows, inverse, rows)
-    top = np.unique(np.round(points[heights > 0.97 * best], 6), axis=0)
-    return best, top
-
-
-def _reach(points: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Interval (n, 1, 2) of steps along ``way`` that stay in the cube, and how many there are: 0 without a way."""
-    moving = np.abs(way) > 1e-9
-    safe = np.where(moving, way, 1.0)
-    ends = np.stack([(-1.0 - points) / safe, (1.0 - points) / safe])
-    low = np.max(np.where(moving, ends.min(axis=0), -np.inf), axis=1)
-    high = np.min(np.where(moving, ends.max(axis=0), np.inf), axis=1)
-    return np.stack([low, high], axis=1)[:, None, :], np.any(moving, axis=1).astype(np.int64)
-
-
-def _ascend(
-    model: QuadraticModel, inverse: FloatArray, points: FloatArray, way: FloatArray, spans: FloatArray, counts: IntArray
-) -> float:
-    """Move points (n, k) along ``way`` (n, k) to the largest variance there, in place; returns the largest of all.
-
-    ``spans`` (n, m, 2) are intervals of allowed steps, ``counts`` of them for each point.
-    """
-    best_of_all = -np.inf
-    for m in range(spans.shape[1]):
-        there = np.flatnonzero(counts > m)
-        if not there.size:
-            break
-        low, high = spans[there, m, :].T
-        # A quartic through five of its values; exact but for rounding. Steps are in units of the longer side.
-        scale = np.maximum(np.maximum(np.abs(low), np.abs(high)), 1e-9)
-        unit = way[there] * scale[:, None]
-        nodes = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-        rows = model.matrix((points[there][:, None, :] + nodes[:, None] * unit[:, None, :]).reshape(-1, model.k))
-        values = np.einsum("ij,jk,ik->i", rows, inverse, rows).reshape(-1, nodes.size)
-        quartic = np.linalg.solve(np.vander(nodes, 5), values.T).T
-        slope = quartic[:, :4] * np.array([4.0, 3.0, 2.0, 1.0])
-        bend = slope[:, :3] * np.array([3.0, 2.0, 1.0])
-        low, high = low / scale, high / scale
-        places = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _LINE_PLACES)
-        heights = _horner(quartic, places)
-        # Two ends and two hills at most: the highest places that no neighbour overtops.
-        padded = np.pad(heights, ((0, 0), (1, 1)), constant_values=-np.inf)
-        hill = (heights >= padded[:, :-2]) & (heights >= padded[:, 2:])
-        order = np.argsort(np.where(hill, -heights, np.inf), axis=1, kind="stable")[:, :4]
-        tops = np.take_along_axis(places, order, axis=1)
-        step = ((high - low) / (_LINE_PLACES - 1))[:, None]
-        first, last = np.maximum(tops - step, low[:, None]), np.minimum(tops + step, high[:, None])
-        for _ in range(_NEWTON_STEPS):
-            curvature, gradient = _horner(bend, tops), _horner(slope, tops)
-            tops = np.clip(tops - gradient / np.where(curvature < 0.0, curvature, -np.inf), first, last)
-        places = np.column_stack([np.zeros(there.size), tops, places])
-        heights = _horner(quartic, places)
-        index = np.argmax(heights, axis=1)
-        points[there] += places[np.arange(there.size), index][:, None] * unit
-        best_of_all = max(best_of_all, float(heights.max()))
-    return best_of_all
-
-
-def _horner(coefficients: FloatArray, at: FloatArray) -> FloatArray:
-    """Polynomials (n, d), highest power first, each at its own places (n, m)."""
-    value = np.zeros_like(at)
-    for column in coefficients.T:
-        value = value * at + column[:, None]
-    return value
 
 
 def region_moments(model: QuadraticModel, region: Region) -> FloatArray:

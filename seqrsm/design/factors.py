@@ -84,7 +84,7 @@ def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) 
         return ((values - low) - (high - values)) / (high - low)
     if np.any(values <= 0.0):
         bad = float(values[values <= 0.0].flat[0])
-        raise RegionError(Problem(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=name, value=bad))
+        raise RegionError(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=name, value=bad)
     above, width = log_ratio(values, low), log_ratio(high, low)
     return (above - (width - above)) / width
 

@@ -8,19 +8,16 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.evaluate import inestimable_terms, largest_variance, region_moments
+from seqrsm.design.evaluate import inestimable_terms, region_moments
 from seqrsm.design.exchange import Task, search_candidates, search_region
-from seqrsm.design.minimax import search_minimax
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError, Problem
+from seqrsm.errors import DesignError
 
-Criterion: TypeAlias = Literal["D", "I", "A", "G"]
+Criterion: TypeAlias = Literal["D", "I", "A"]
 
 _SEARCHES, _MANY_SEARCHES, _FEW_TERMS = 300, 400, 10
 _START_SEARCHES, _START_CANDIDATES = 8, 3**8
-_MINIMAX_STARTS, _MINIMAX_STARTS_CONSTRAINED = 60, 24
-_MINIMAX_D_STARTS_CONSTRAINED = 4  # of the D-optimal design among them, which is dear where constraints cut the box
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +29,8 @@ class Design:
     points : ndarray (n, k)
         The runs chosen, coded.
     value : float
-        Value of the criterion: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), G the largest z'M^-1 z over the
-        region, to be small. M = Z'Z over all N runs, the fixed ones too.
+        Value of the criterion: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), to be small. M = Z'Z
+        over all N runs, the fixed ones too.
     hits, starts : int
         How many of the local searches ended at this value: one or two of hundreds mean that a longer search may find
         a better design.
@@ -66,9 +63,9 @@ def optimal_design(
         Over the same factors.
     n_runs : int
         Runs to choose, beside the fixed ones; a run may be repeated.
-    criterion : {"D", "I", "A", "G"}
+    criterion : {"D", "I", "A"}
         ``"D"``: smallest confidence region of the coefficients; ``"I"``: smallest mean prediction variance over the
-        region; ``"A"``: smallest mean variance of the coefficients; ``"G"``: smallest largest prediction variance.
+        region; ``"A"``: smallest mean variance of the coefficients.
     seed : int
         The same seed gives the same design on one machine; where matrices are rounded otherwise, one as good.
     starts : int, optional
@@ -91,31 +88,14 @@ def optimal_design(
         lost = inestimable_terms(model, region.candidates(limit=2000))
         if lost:
             raise _coinciding(lost)
-    if criterion == "G":
-        return _minimax(model, region, n_runs, kept, seed, starts)
     weights = None if criterion == "D" else region_moments(model, region) if criterion == "I" else np.eye(model.p)
     searches = (_SEARCHES if model.p <= _FEW_TERMS else _MANY_SEARCHES) if starts is None else max(starts, 1)
     task = Task(n_runs, precision, weights)
     points, hits, made = search_region(model, region, task, searches, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
-    value = _value(model, region, np.vstack([kept, points]), criterion, weights if criterion == "I" else None)
+    value = _value(model, np.vstack([kept, points]), weights)
     return Design(points, value, hits, made, seed)
-
-
-def _minimax(
-    model: QuadraticModel, region: Region, n_runs: int, fixed: FloatArray, seed: int, starts: int | None
-) -> Design:
-    """G-optimal design, from random designs and a D-optimal one, which sometimes is G-optimal, too."""
-    quick = _MINIMAX_STARTS if region.is_box else _MINIMAX_D_STARTS_CONSTRAINED
-    start = optimal_design(model, region, n_runs, seed=seed, starts=quick, fixed=fixed)
-    rng = np.random.default_rng([seed % 2**63, 2])
-    total = (_MINIMAX_STARTS if region.is_box else _MINIMAX_STARTS_CONSTRAINED) if starts is None else max(starts, 1)
-    first = [start.points] + [region.sample(n_runs, rng) for _ in range(total - 1)]
-    Z_fixed = model.matrix(fixed)
-    points, hits = search_minimax(model, region, Z_fixed.T @ Z_fixed, first)
-    value = _value(model, region, np.vstack([fixed, points]), "G")
-    return Design(points, value, hits, total, seed)
 
 
 def start_design(
@@ -174,7 +154,7 @@ def _check_count(model: QuadraticModel, n_runs: int, fixed: FloatArray) -> None:
     if carried + n_runs < model.p:
         text = f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs)"
         remedy = f"Ask for at least {model.p - carried} runs, use order = 1, or fewer factors or levels."
-        raise DesignError(Problem(text, remedy, field="n_runs", value=n_runs))
+        raise DesignError(text, remedy, field="n_runs", value=n_runs)
 
 
 def _singular(model: QuadraticModel, region: Region) -> DesignError:
@@ -184,27 +164,22 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
     near = inestimable_terms(model, region.candidates(limit=5000), 1e-3)
     if near:
         message = f"the region is so thin that these terms can hardly be separated from the others: {', '.join(near)}"
-        return DesignError(Problem(message, "Relax the constraints, or replace factors that vary together by one."))
-    return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
+        return DesignError(message, "Relax the constraints, or replace factors that vary together by one.")
+    return DesignError("every design tried was singular", "Ask for more runs or more starts.")
 
 
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
     text = f"no runs in the region can separate these terms from the others: {', '.join(terms)}"
-    return DesignError(Problem(text, "Relax the constraints or the levels, or omit the terms."))
+    return DesignError(text, "Relax the constraints or the levels, or omit the terms.")
 
 
-def _value(
-    model: QuadraticModel, region: Region, runs: FloatArray, criterion: Criterion, weights: FloatArray | None = None
-) -> float:
+def _value(model: QuadraticModel, runs: FloatArray, weights: FloatArray | None) -> float:
     """Value of the criterion, from all runs (N, k) alone: nothing of the search's running values is trusted.
 
-    ``weights``: of the criterion I.
+    ``weights`` (p, p): W of the criteria I and A.
     """
     Z = model.matrix(runs)
     M = Z.T @ Z
-    if criterion == "D":
+    if weights is None:
         return float(np.exp(np.linalg.slogdet(M)[1] / model.p)) / len(Z)
-    inverse = np.asarray(np.linalg.inv(M), dtype=np.float64)
-    if criterion == "G":
-        return largest_variance(model, region, inverse)[0]
-    return float(np.trace(inverse) if weights is None else np.sum(weights * inverse))
+    return float(np.sum(weights * np.linalg.inv(M)))

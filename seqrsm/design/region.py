@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design import search
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import (
@@ -318,52 +318,26 @@ class Region(OfFactors):
             Ascending, disjoint, both ends feasible; a level of a discrete or categorical factor is an interval of no
             length. Intervals of a continuous factor shorter than 1/32 may be missed unless ``point`` lies in them.
         """
-        spans, counts = self.line_intervals_of(np.asarray(point, dtype=np.float64)[None, :], j)
-        intervals: FloatArray = spans[0, : counts[0]]
-        return intervals
-
-    def line_intervals_of(self, points: FloatArray, j: int) -> tuple[FloatArray, IntArray]:
-        """Feasible intervals of factor ``j`` through each of the points (n, k), as of `line_intervals`.
-
-        Returns
-        -------
-        spans : ndarray (n, m, 2)
-            Rows of nan after the last.
-        counts : ndarray (n,)
-            How many intervals each line has.
-        """
-        if self.is_box and self.axes[j] is None:
-            return np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
-        n, levels = points.shape[0], self.axes[j]
-        if levels is None:
-            line = np.linspace(-1.0, 1.0, _LINE_SAMPLES)
-            # The point's own place too, so that a narrow interval around it is not missed.
-            lines = np.sort(np.column_stack([np.tile(line, (n, 1)), np.clip(points[:, j], -1.0, 1.0)]), axis=1)
-        else:
-            lines = np.tile(levels, (n, 1))
-        rows = np.repeat(points[:, None, :], lines.shape[1], axis=1)
-        rows[:, :, j] = lines
-        good = (self.slack(rows.reshape(-1, points.shape[1])) >= 0.0).reshape(lines.shape)
+        levels = self.axes[j]
+        if self.is_box and levels is None:
+            return np.array([[-1.0, 1.0]])
+        # The point's own place too, so that a narrow interval around it is not missed.
+        places = np.append(np.linspace(-1.0, 1.0, _LINE_SAMPLES), np.clip(point[j], -1.0, 1.0))
+        line = np.sort(places) if levels is None else levels
+        rows = np.tile(np.asarray(point, dtype=np.float64), (len(line), 1))
+        rows[:, j] = line
+        good = self.slack(rows) >= 0.0
         if levels is not None:
-            first = last = good
-        else:
-            step = np.diff(good.astype(np.int8), prepend=0, append=0, axis=1)
-            first, last = step[:, :-1] == 1, step[:, 1:] == -1
-        counts = np.count_nonzero(first, axis=1)
-        spans = np.full((n, max(int(counts.max(initial=0)), 1), 2), np.nan)
-        for side, marks in enumerate((first, last)):
-            line_of, place = np.nonzero(marks)
-            values = lines[line_of, place]
-            beyond = place + (1 if side else -1)
-            if levels is None:
-                # Between the last feasible sample and the next one lies the boundary.
-                cut = (beyond >= 0) & (beyond < lines.shape[1])
-                if np.any(cut):
-                    inner, outer = rows[line_of[cut], place[cut]], rows[line_of[cut], beyond[cut]]
-                    values[cut] = search.bisect(inner, outer, self.slack)[:, j]
-            position = np.arange(line_of.size) - np.searchsorted(line_of, line_of)
-            spans[line_of, position, side] = values
-        return spans, counts
+            return np.repeat(line[good][:, None], 2, axis=1)
+        step = np.diff(good.astype(np.int8), prepend=0, append=0)
+        ends = []
+        for inner, way in ((np.flatnonzero(step[:-1] == 1), -1), (np.flatnonzero(step[1:] == -1), 1)):
+            values, outer = line[inner], inner + way
+            cut = (outer >= 0) & (outer < len(line))
+            # Between the last feasible sample and the next one lies the boundary.
+            values[cut] = search.bisect(rows[inner[cut]], rows[outer[cut]], self.slack)[:, j]
+            ends.append(values)
+        return np.stack(ends, axis=1)
 
     def centre(self) -> FloatArray:
         """Central point (k,): coded 0, the discrete level nearest to 0, first level of each categorical factor.

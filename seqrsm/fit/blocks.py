@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import mixture_interval
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.linear_system import check_runs
@@ -161,11 +161,9 @@ def fit_random_blocks(
     names = tuple(dict.fromkeys(days))
     n, p = Z.shape
     if len(names) < 2:
-        raise FitError(
-            Problem("one block cannot show how blocks differ", "Fly on a second day, or fit without blocks.")
-        )
+        raise FitError("one block cannot show how blocks differ", "Fly on a second day, or fit without blocks.")
     if n <= p or np.linalg.matrix_rank(Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300)) < p:
-        raise FitError(Problem(f"{n} runs cannot determine {p} terms and their scatter", "Add runs or drop terms."))
+        raise FitError(f"{n} runs cannot determine {p} terms and their scatter", "Add runs or drop terms.")
     index = np.array([names.index(day) for day in days], dtype=np.int64)
     ratios = np.exp(2.0 * _LOG_ROOT)
     runs = _reduce(Z, y, w, index)
@@ -242,7 +240,7 @@ def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, 
     # The last column of R holds Q'y and, below it, the length of the residual.
     residual = np.abs(R[:, p, p])
     if np.any(residual <= 1e-13 * np.linalg.norm(white[:, :, p], axis=1)):
-        raise FitError(Problem("the model reproduces every score exactly, so no scatter remains"))
+        raise FitError("the model reproduces every score exactly, so no scatter remains")
     inverse: FloatArray = np.asarray(np.linalg.inv(R[:, :p, :p]), dtype=np.float64)
     log_det_r = np.sum(np.log(np.abs(np.diagonal(R[:, :p, :p], axis1=1, axis2=2))), axis=1)
     log_likelihood = -0.5 * log_det - log_det_r - (n - p) * np.log(residual)

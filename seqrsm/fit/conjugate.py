@@ -280,7 +280,7 @@ def posterior(
     target = np.concatenate([y * root, K @ prior.m0])
     factors = linear_system.factorise(stacked)
     if factors.rank < p:
-        raise FitError(Problem("runs and prior leave some terms undetermined", "add runs or use an informative prior"))
+        raise FitError("runs and prior leave some terms undetermined", "add runs or use an informative prior")
     mean, residual = linear_system.solve(factors, target)
     if np.linalg.norm(residual) <= max(stacked.shape) * linear_system.EPSILON * np.linalg.norm(target):
         residual = np.zeros_like(residual)  # below the rounding of the scores as stored

@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import ConvergenceError, FitError, Problem
+from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
@@ -197,7 +197,7 @@ class _Chain:
         start = target.start(random, self._n)
         log_prob = target.log_prob(start)
         if not np.all(np.isfinite(log_prob)):
-            raise FitError(Problem("the posterior density is not finite where it is expected to lie"))
+            raise FitError("the posterior density is not finite where it is expected to lie")
         self._state = emcee.State(start, log_prob=log_prob, random_state=random.get_state())
         self._start([target.proposal], [1.0])
         if not target.exact:

@@ -339,7 +339,7 @@ def fit_least_squares(
     check_runs(Z, y, w, len(names))
     if y.size < len(names):
         remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
-        raise FitError(Problem(f"{y.size} runs cannot determine {len(names)} terms", remedy))
+        raise FitError(f"{y.size} runs cannot determine {len(names)} terms", remedy)
     n, p = Z.shape
     in_blocks = np.array([kind == "block" for kind in kinds], dtype=np.bool_)
     if block_ids is None and np.any(in_blocks):

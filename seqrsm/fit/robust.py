@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
 from seqrsm.fit.convergence import ess, ess_tail
 
@@ -101,7 +101,7 @@ def student_draws(
         except np.linalg.LinAlgError:
             far = int(np.argmax(np.abs(y)))
             message = f"the score of run {far + 1} (counted from 1) lies too far from the others for Student-t errors"
-            raise FitError(Problem(message, "void it or correct it")) from None
+            raise FitError(message, "void it or correct it") from None
         half = L[:, p, :p]
         rss = total - np.sum(half**2, axis=1)
         sigma = np.sqrt((given.b0 + 0.5 * np.maximum(rss, 1e-300)) / rng.gamma(shape, size=_CHAINS))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.linear_system import check_runs
 from seqrsm.fit.target import GeneralModel
 
@@ -41,7 +41,7 @@ class CoefficientPrior:
         low = np.full(start.size, -np.inf) if self.low is None else self.low
         high = np.full(start.size, np.inf) if self.high is None else self.high
         if np.any(low >= high):
-            raise FitError(Problem("a coefficient's bounds are empty", "Give low < high."))
+            raise FitError("a coefficient's bounds are empty", "Give low < high.")
         inner = np.where(np.isfinite(high - low), 0.02 * (high - low), 0.02 * np.abs(start) + 1e-3)
         return np.clip(start, low + inner, high - inner), low, high
 
@@ -79,9 +79,7 @@ def beta_binomial_model(
     bad = ~((m > 0.0) & np.isfinite(m) & (c >= 0.0) & (c <= m))
     if np.any(bad):
         runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
-        raise FitError(
-            Problem(f"run {runs} (counted from 1) has counts that cannot be", "Give 0 <= correct <= trials.")
-        )
+        raise FitError(f"run {runs} (counted from 1) has counts that cannot be", "Give 0 <= correct <= trials.")
     logit = np.log((c + 0.5) / (m - c + 0.5))
     start, low, high = prior.bounded(np.asarray(np.linalg.lstsq(Z, logit, rcond=None)[0], dtype=np.float64))
     p = Z.shape[1]

@@ -19,7 +19,7 @@ import scipy
 from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, Prior, posterior
 from seqrsm.fit.moves import Distribution
 
@@ -127,7 +127,7 @@ def build_target(
     student = errors == "student_t"
     base = _base(Z, y, w, prior, nu if student else np.inf)
     if base.b == 0.0:
-        raise FitError(Problem("the model reproduces every score exactly, so sigma has no posterior to sample"))
+        raise FitError("the model reproduces every score exactly, so sigma has no posterior to sample")
     p, scale = Z.shape[1], base.scale
     tail = _TAIL if student else 1.0
     root = np.sqrt(w)
@@ -296,7 +296,7 @@ def general_target(model: GeneralModel) -> Target:
 
     start = model.unbounded_start()
     if not np.all(np.isfinite(start)) or not np.isfinite(log_prob(start[None, :])[0]):
-        raise FitError(Problem("the posterior density is not finite where it is expected to lie"))
+        raise FitError("the posterior density is not finite where it is expected to lie")
     mode = _mode(log_prob, start)
     covariance = _covariance(log_prob, mode)
 

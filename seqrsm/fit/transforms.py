@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import FitError
 
 NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75 %
 
@@ -41,7 +41,7 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Fl
     if np.any(bad):
         runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
         message = f"run {runs} (counted from 1) has a score outside 0 to 100 percent"
-        raise FitError(Problem(message, 'use response = "identity" or correct the scores'))
+        raise FitError(message, 'use response = "identity" or correct the scores')
     m = _or_nan(counts, percent)
     counted = np.isfinite(m)
     correct = percent / 100.0 * np.where(counted, m, NOMINAL_COUNT)

@@ -9,19 +9,15 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from html import escape
 from importlib.resources import files
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.analysis.results import Analysis
-from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Equation, Report, Section, unfolded
 from seqrsm.report.figures.drawing import svg_for_html
-from seqrsm.report.profile import profile_text
-from seqrsm.report.wording import readable
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -79,42 +75,14 @@ def render_html(report: Report) -> str:
         # Own drawing: made by matplotlib from numbers; user text in it is glyph outlines.
         return Markup(svg_for_html(svg, f"f{next(numbers)}-").replace("<svg", str(label), 1))
 
-    return render_page("report", report=report, profiles=profiles, **_for_blocks(report.sections, numbers, drawing))
-
-
-def render_plan(document: dict[str, Any], analyses: Sequence[Analysis]) -> str:
-    """Render the plan of a campaign as one HTML page, with the profilers of what is fitted so far.
-
-    Parameters
-    ----------
-    document : dict
-        From `seqrsm.campaign.check.plan_campaign`.
-    analyses : sequence of Analysis
-        Empty before the first scores.
-    """
-    from markupsafe import Markup
-
-    words = interval_names(document["replicates"])[document["interval"]]
-    shown = {**document, "labels": [readable(name) for name in document["factors"]], "words": words}
-    return render_page(
-        "plan",
-        plan=document,
-        words=words,
-        data=Markup(json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")),
-        profiles=[{"name": one.application, "data": Markup(profile_text(one))} for one in analyses],
-    )
-
-
-def render_page(name: str, **context: Any) -> str:
-    """Fill the template of a whole page, with style and scripts inside and the hash by which the scripts may run."""
-    from markupsafe import Markup
-
-    script = _template_text(f"{name}.js") + _template_text("profiler.js")
-    return _template(f"{name}.html.j2").render(
+    script = _template_text("report.js") + _template_text("profiler.js")
+    return _template("report.html.j2").render(
         style=Markup(_template_text("style.css")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        **context,
+        report=report,
+        profiles=profiles,
+        **_for_blocks(report.sections, numbers, drawing),
     )
 
 

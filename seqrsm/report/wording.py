@@ -26,7 +26,7 @@ from seqrsm.report.rounding import (
     format_share,
     format_significant,
 )
-from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
 from seqrsm.spec.tables import StopSpec
 from seqrsm.store.records import RunRecord
 
@@ -140,13 +140,13 @@ _SIGNS = str.maketrans({"u": "\u00b5", "2": "\u00b2", "3": "\u00b3"})  # of "us"
 
 def fixed_unit(name: str, value: float | str) -> str:
     """Unit of a sensor parameter by its name; none for text."""
-    parameter = None if isinstance(value, str) else find(RADAR, name) or find(RADIOMETER, name)
+    parameter = None if isinstance(value, str) else RADAR.get(name) or RADIOMETER.get(name)
     return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 
 def fixed_label(name: str) -> str:
-    """Name of a sensor parameter, by that of ``campaign.toml`` or of its field, as a reader wants it."""
-    parameter = find(RADAR, name) or find(RADIOMETER, name)
+    """Name of a sensor parameter as a reader wants it."""
+    parameter = RADAR.get(name) or RADIOMETER.get(name)
     return readable(name if parameter is None else parameter.name)
 
 

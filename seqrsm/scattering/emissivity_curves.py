@@ -53,12 +53,12 @@ def between_nodes(name: str, curve: EmissivityCurve, f: float, polarization: str
     nodes = sorted(node for node, p in curve.value if p == polarization)
     if not nodes:
         message = f"the table has no {polarization} emissivity of {name}"
-        raise ScatteringDataError(Problem(message, "Add its rows", file or None, field="polarization"))
+        raise ScatteringDataError(message, "Add its rows", file=file or None, field="polarization")
     low, high = nodes[0] / _THIRD_OCTAVE, nodes[-1] * _THIRD_OCTAVE
     if not low <= f <= high:
         message = f"emissivity of {name} at {polarization} is known at {nodes[0]:g} to {nodes[-1]:g} GHz"
         remedy = f"Stay within {low:.4g} to {high:.4g} GHz, or add rows"
-        raise ScatteringDataError(Problem(message, remedy, file or None, field="frequency", value=f))
+        raise ScatteringDataError(message, remedy, file=file or None, field="frequency", value=f)
     upper = int(np.clip(np.searchsorted(nodes, f), 1, max(len(nodes) - 1, 1)))
     if len(nodes) == 1:
         return np.asarray(curve.value[nodes[0], polarization])

@@ -105,7 +105,7 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
     if all(node.value > 0.0 and node.row.text("unit") == "dB" for node in nodes):
         remedy = 'Give linear numbers the unit "1", and decibels their sign'
         text = "every value is above 0 dB, as on no natural ground"
-        raise ScatteringDataError(Problem(text, remedy, str(path), field="value"))
+        raise ScatteringDataError(text, remedy, file=str(path), field="value")
     groups: dict[tuple[str, str], list[Node]] = defaultdict(list)
     for node in nodes:
         groups[node.category, node.season].append(node)

@@ -107,19 +107,19 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     file = str(path)
     try:
         if Path(path).stat().st_size > _MAX_BYTES:
-            raise ScatteringDataError(Problem(f"larger than {_MAX_BYTES / 1e6:.0f} MB", "Cut the table", file))
+            raise ScatteringDataError(f"larger than {_MAX_BYTES / 1e6:.0f} MB", "Cut the table", file=file)
         text = Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ScatteringDataError(Problem(f"cannot read the table: {error.strerror}", file=file)) from error
+        raise ScatteringDataError(f"cannot read the table: {error.strerror}", file=file) from error
     except UnicodeDecodeError as error:
-        raise ScatteringDataError(Problem("not UTF-8 text", "Save it as UTF-8", file)) from error
+        raise ScatteringDataError("not UTF-8 text", "Save it as UTF-8", file=file) from error
     lines = list(_lines(text, file))
     if not lines:
-        raise ScatteringDataError(Problem("the table is empty", f"Columns: {', '.join(required)}", file))
+        raise ScatteringDataError("the table is empty", f"Columns: {', '.join(required)}", file=file)
     header = [name.strip() for name in lines[0][1]]
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         message, remedy = "the cells are not separated by commas", "Separate them by commas; decimals have points"
-        raise ScatteringDataError(Problem(message, remedy, file, lines[0][0]))
+        raise ScatteringDataError(message, remedy, file=file, line=lines[0][0])
     problems = [
         Problem("the column is missing", "", file, lines[0][0], name) for name in required if name not in header
     ]
@@ -158,4 +158,4 @@ def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
             try:
                 yield number, next(csv.reader([line], strict=True))
             except csv.Error as error:
-                raise ScatteringDataError(Problem(f"not a CSV line: {error}", "", file, number)) from error
+                raise ScatteringDataError(f"not a CSV line: {error}", "", file=file, line=number) from error

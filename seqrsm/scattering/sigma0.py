@@ -178,7 +178,7 @@ class Sigma0Table:
         channel = "HV" if polarization == "VH" else polarization
         if channel not in POLARIZATIONS:
             remedy = f"One of: {', '.join(POLARIZATIONS)}"
-            raise ScatteringDataError(Problem("no such polarization", remedy, field="polarization", value=polarization))
+            raise ScatteringDataError("no such polarization", remedy, field="polarization", value=polarization)
         state = _State(float(frequency_ghz), float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
         problems: list[Problem] = []
         found: dict[str, _Found] = {}
@@ -241,9 +241,7 @@ class Sigma0Table:
             raise ScatteringDataError(unknown_cover("backscatter", self.categories, self.file, category))
         seasons = ", ".join(s for c, s in self.curves if c == category)
         message = f"the table has no backscatter of {category} in this season"
-        raise ScatteringDataError(
-            Problem(message, f"It has: {seasons}", self.file or None, field="season", value=season)
-        )
+        raise ScatteringDataError(message, f"It has: {seasons}", file=self.file or None, field="season", value=season)
 
     def _variability(self, category: str, channel: str) -> Variability:
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
@@ -282,7 +280,7 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway 
     at_channel, sd = values[c], sds[c]
     if np.isnan(at_channel).any():
         raise ScatteringDataError(
-            Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")
+            f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization"
         )
     if world is not None and sd > 0.0:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
@@ -330,7 +328,7 @@ def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:
     if not winds[0] <= wind_m_s <= winds[-1]:
         message = f"{curve.category} is known for winds of {winds[0]:g} to {winds[-1]:g} m/s"
         raise ScatteringDataError(
-            Problem(message, "Keep wind_low_m_s and wind_high_m_s there", field="wind_m_s", value=wind_m_s)
+            message, "Keep wind_low_m_s and wind_high_m_s there", field="wind_m_s", value=wind_m_s
         )
     lower = int(np.clip(np.searchsorted(winds, wind_m_s) - 1, 0, winds.size - 2))
     share = (wind_m_s - winds[lower]) / (winds[lower + 1] - winds[lower])
@@ -346,7 +344,7 @@ def _at_frequency(
     if not low <= frequency_ghz <= high:
         message = f"sigma0 of {curve.category} is known at {nodes[0]:g} to {nodes[-1]:g} GHz"
         remedy = f"Stay within one octave of that: {low:g} to {high:g} GHz, or give a table that covers it"
-        raise ScatteringDataError(Problem(message, remedy, field="frequency", value=frequency_ghz))
+        raise ScatteringDataError(message, remedy, field="frequency", value=frequency_ghz)
     position = np.log2(nodes / frequency_ghz)
     near = int(np.argmin(np.abs(position)))
     if abs(position[near]) < _AT_NODE_OCTAVES:
@@ -380,7 +378,7 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     mv, reference = state.soil_moisture, curve.reference_moisture
     if not _MOISTURE_RANGE[0] <= mv <= _MOISTURE_RANGE[1]:
         message = f"soil moisture lies between {_MOISTURE_RANGE[0]:g} and {_MOISTURE_RANGE[1]:g} m3/m3"
-        raise ScatteringDataError(Problem(message, "", field="soil_moisture", value=mv))
+        raise ScatteringDataError(message, "", field="soil_moisture", value=mv)
     low, high = _OH04_MOISTURE_RANGE
     held = "" if low <= mv <= high else f", held at {low if mv < low else high:g}"
     notes.append(f"soil moisture {mv:.3g} m3/m3 against {reference:g} by Oh 2004{held} (rms height assumed)")

@@ -60,7 +60,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
             np.savez_compressed(stream, allow_pickle=False, **members)
     except OSError as error:
         remedy = "Make its folder first, or name another file"
-        raise SceneError(Problem(f"cannot write the scene: {error.strerror}", remedy, file=str(path))) from error
+        raise SceneError(f"cannot write the scene: {error.strerror}", remedy, file=str(path)) from error
 
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:
@@ -102,10 +102,10 @@ def load_scene(path: str | Path) -> Scene:
     except SceneError:
         raise
     except FileNotFoundError as error:
-        raise SceneError(Problem("no such scene file", file=file)) from error
+        raise SceneError("no such scene file", file=file) from error
     except Exception as error:  # a damaged archive makes numpy and zipfile raise whatever comes to hand
         remedy = "Write it with seqrsm.scene.file.save_scene or `seqrsm scene import`"
-        raise SceneError(Problem(f"not a readable scene file: {error}", remedy, file=file)) from error
+        raise SceneError(f"not a readable scene file: {error}", remedy, file=file) from error
     return _scene_of(members, file)
 
 
@@ -115,7 +115,7 @@ def _check_archive(path: str | Path) -> None:
         size = sum(member.file_size for member in archive.infolist())
         if size > _MAX_BYTES:
             message = f"the unpacked scene would take {size / 1e9:.1f} GB, more than {_MAX_BYTES / 1e9:.1f} GB"
-            raise SceneError(Problem(message, "Cut or coarsen the scene", file=str(path)))
+            raise SceneError(message, "Cut or coarsen the scene", file=str(path))
         for member in archive.infolist():
             _check_header(archive, member)
 
@@ -140,7 +140,7 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
     try:
         if int(members["schema"]) != SCHEMA:
             message = f"written for schema {int(members['schema'])}, this version reads {SCHEMA}"
-            raise SceneError(Problem(message, "Use the seqrsm that wrote it, or build it again", file))
+            raise SceneError(message, "Use the seqrsm that wrote it, or build it again", file=file)
         packed = "elevation_cm" in members
         elevation = _unpacked_elevation(members["elevation_cm"]) if packed else members["elevation_m"]
         names = tuple(str(name) for name in members["categories"].ravel())
@@ -165,4 +165,4 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
     except SceneError as error:
         raise SceneError(*(replace(problem, file=file) for problem in error.problems)) from None
     except Exception as error:  # members of any type and shape
-        raise SceneError(Problem(f"a member has the wrong form: {error}", "Write it with save_scene", file)) from error
+        raise SceneError(f"a member has the wrong form: {error}", "Write it with save_scene", file=file) from error

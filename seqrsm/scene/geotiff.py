@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.plain import counted
 from seqrsm.scene.scene import MAX_CELLS
 
@@ -98,45 +98,45 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
             pages = [page for page in every if not (page.is_reduced or page.is_mask)] or every[:1]
             tags = {tag.code: tag.value for tag in pages[0].tags.values()}
             if math.prod(pages[0].shape) > 4 * MAX_CELLS:
-                raise SceneError(Problem(f"more than {4 * MAX_CELLS} cells", "Cut or coarsen the raster", file))
+                raise SceneError(f"more than {4 * MAX_CELLS} cells", "Cut or coarsen the raster", file=file)
             page, place = _band(pages, file, layer, band)
             parts, held = math.prod(page.chunked), len(page.dataoffsets)
             if held < parts:
                 remedy = "Copy it again from where it came from"
-                raise SceneError(Problem(f"the file holds {held} of the {parts} parts of its raster", remedy, file))
+                raise SceneError(f"the file holds {held} of the {parts} parts of its raster", remedy, file=file)
             if page is not pages[0]:
                 tags |= {tag.code: tag.value for tag in page.tags.values()}
             values = _values(page, place, file)
     except FileNotFoundError as error:
-        raise SceneError(Problem("no such raster", file=file)) from error
+        raise SceneError("no such raster", file=file) from error
     except SceneError:
         raise
     except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
-        raise SceneError(Problem(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file)) from error
+        raise SceneError(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file=file) from error
     if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
         text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
-        raise SceneError(Problem(text, "Convert it with gdal_translate", file))
+        raise SceneError(text, "Convert it with gdal_translate", file=file)
     try:
         keys = _geo_keys(tags.get(_GEO_KEYS))
         left, top, step_x, step_y = _placement(tags, keys, file)
     except (TypeError, ValueError, IndexError, OverflowError) as error:
         remedy = "Rewrite it, for instance with gdal_translate"
-        raise SceneError(Problem(f"the file's georeference is damaged: {error}", remedy, file)) from error
+        raise SceneError(f"the file's georeference is damaged: {error}", remedy, file=file) from error
     if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
-        raise SceneError(Problem("the file's georeference is damaged", "Rewrite it with gdal_translate", file))
+        raise SceneError("the file's georeference is damaged", "Rewrite it with gdal_translate", file=file)
     if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
         zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
         utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
         remedy = f"Project it to metres first, for instance: gdalwarp -t_srs EPSG:{utm} -r near {file} projected.tif"
-        raise SceneError(Problem("the raster is in degrees", remedy, file, field="coordinate system"))
+        raise SceneError("the raster is in degrees", remedy, file=file, field="coordinate system")
     if keys.get(_LINEAR_UNITS, _METRE) != _METRE:
         remedy = "Project it to a system in metres with gdalwarp -t_srs"
-        raise SceneError(Problem("the raster is not in metres", remedy, file, field="coordinate system"))
+        raise SceneError("the raster is not in metres", remedy, file=file, field="coordinate system")
     item = _gdal_items(tags.get(_GDAL_METADATA), place)
     unit = item.get("unittype", "").strip().lower()
     if layer == "elevation" and (keys.get(_VERTICAL_UNITS) in _FEET or unit.startswith(("ft", "foot", "feet"))):
         remedy = f"Turn them into metres, for instance: gdal_calc.py -A {file} --calc=A*0.3048 --outfile metres.tif"
-        raise SceneError(Problem("the elevations are not in metres", remedy, file, field="vertical unit"))
+        raise SceneError("the elevations are not in metres", remedy, file=file, field="vertical unit")
     epsg = keys.get(_PROJECTED_CS)
     return Raster(
         values=values,
@@ -172,12 +172,12 @@ def _band(pages: list[Any], file: str, layer: str, band: int | None) -> tuple[An
         return pages[k], number
     if band is not None:
         remedy = f"Choose one from 1 to {n}" if n > 1 else f"Leave --band {layer} out"
-        raise SceneError(Problem(f"the raster has {counted(n, 'band')}", remedy, file, value=f"{layer}={band}"))
+        raise SceneError(f"the raster has {counted(n, 'band')}", remedy, file=file, value=f"{layer}={band}")
     text, choose = f"the raster has {n} bands, and {layer} is one", f"Choose it, as in --band {layer}=1"
     if layer == "cover" and pages[0].photometric == _RGB:
         text = f"the raster has {n} bands, the colours of a picture; cover is one band of codes"
         choose = f"Give the raster of codes that the picture was drawn from; or choose a band, as in --band {layer}=1"
-    raise SceneError(Problem(text, f"{choose}, or cut it out: gdal_translate -b 1 {file} one.tif", file))
+    raise SceneError(text, f"{choose}, or cut it out: gdal_translate -b 1 {file} one.tif", file=file)
 
 
 def _values(page: Any, place: int, file: str) -> AnyArray:
@@ -200,7 +200,7 @@ def _values(page: Any, place: int, file: str) -> AnyArray:
             command = f"gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
             remedy = f"Rewrite it, for instance: {command}; if that fails too, the file is damaged"
             name = getattr(page.compression, "name", page.compression)
-            raise SceneError(Problem(f"compression {name} cannot be undone: {other}", remedy, file)) from error
+            raise SceneError(f"compression {name} cannot be undone: {other}", remedy, file=file) from error
         axes = "YX" if values.ndim == 2 else "YXS"
     else:
         axes = page.axes
@@ -244,13 +244,13 @@ def _placement(tags: Mapping[int, Any], keys: Mapping[int, int], file: str) -> t
     elif _TRANSFORM in tags:
         a = [float(v) for v in tags[_TRANSFORM]]
         if a[1] or a[4]:
-            raise SceneError(Problem("the raster is rotated", "Straighten it with gdalwarp", file))
+            raise SceneError("the raster is rotated", "Straighten it with gdalwarp", file=file)
         step_x, step_y, left, top = a[0], -a[5], a[3], a[7]
     else:
         remedy = "Give it a georeference, for instance: gdal_translate -a_srs EPSG:32631 -a_ullr LEFT TOP RIGHT BOTTOM"
-        raise SceneError(Problem("the file has no georeference", f"{remedy} {file} placed.tif", file))
+        raise SceneError("the file has no georeference", f"{remedy} {file} placed.tif", file=file)
     if step_x <= 0.0 or step_y <= 0.0:
-        raise SceneError(Problem("the raster is not north up", "Straighten it with gdalwarp", file))
+        raise SceneError("the raster is not north up", "Straighten it with gdalwarp", file=file)
     if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT:
         left, top = left - 0.5 * step_x, top + 0.5 * step_y
     return left, top, step_x, step_y

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from seqrsm.arrays import AnyArray, Float32Array, FloatArray, IntArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 
@@ -31,7 +31,7 @@ def known_heights(scene: Scene) -> tuple[int, float, float]:
             total += float(np.cumsum(heights, dtype=np.float64)[-1])
             highest = max(highest, float(heights.max()))
     if known == 0:
-        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
+        raise SceneError("no cell has an elevation", "Give at least one", field="elevation_m")
     return known, total / known, highest
 
 

@@ -85,7 +85,7 @@ def import_scene(
         if None not in (height.epsg, raster.epsg) and height.epsg != raster.epsg:
             remedy = f"Bring all to one, for instance: gdalwarp -t_srs EPSG:{height.epsg} {file} projected.tif"
             text = f"the rasters differ in coordinate system: EPSG {height.epsg} and EPSG {raster.epsg}"
-            raise SceneError(Problem(text, remedy, file=file))
+            raise SceneError(text, remedy, file=file)
         return raster
 
     kind = height if is_vector(cover) else read("cover")
@@ -118,7 +118,7 @@ def import_scene(
     if not scored.any():
         text = "no cell has both an elevation and a category"
         remedy = f"Look for what stands for no data in it and in {cover}, and at the legend's empty categories"
-        raise SceneError(Problem(text, remedy, str(elevation)))
+        raise SceneError(text, remedy, file=str(elevation))
     fields = [np.where(known, codes, 0), indices]
     if "parcels" in given:
         parcel, owned = numbers("parcels")
@@ -127,7 +127,7 @@ def import_scene(
     if field_m is not None:
         if not cell <= field_m <= cell * max(z.shape):
             text = f"a field is from a cell of {cell:g} m to the whole site wide"
-            raise SceneError(Problem(text, field="field_m", value=field_m))
+            raise SceneError(text, field="field_m", value=field_m)
         owned = fields[2] != 0 if "parcels" in given else np.zeros(z.shape, dtype=np.bool_)
         field_id = cut_patches(field_id, round(field_m / cell), owned, seed=0)
     scene = _scene(
@@ -215,13 +215,13 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(Problem(f"cannot read the legend: {error}", file=file)) from error
+        raise SceneError(f"cannot read the legend: {error}", file=file) from error
     place = [k for k, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
     written = [lines[k - 1] for k in place]
     separator = max(",;\t", key=lambda sign: written[0].count(sign)) if written else ","
     reader = csv.DictReader(written, delimiter=separator)
     if not {"code", "category"} <= set(reader.fieldnames or ()):
-        raise SceneError(Problem("the legend lacks a column", "Columns: code, category, note", file))
+        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
     names: list[str] = []
     notes: dict[str, str] = {}
     codes: dict[int, int] = {}
@@ -254,18 +254,18 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
     left, bottom = max(one[0], two[0]), max(one[1], two[1])
     right, top = min(one[2], two[2]), min(one[3], two[3])
     if not (cell > 0.0 and math.isfinite(cell)):
-        raise SceneError(Problem("the cell size must be a positive number of metres", field="cell_m", value=cell))
+        raise SceneError("the cell size must be a positive number of metres", field="cell_m", value=cell)
     rows, cols = int((top - bottom) / cell + 1e-6), int((right - left) / cell + 1e-6)
     if min(right - left, top - bottom) > 0.0 and (rows < 1 or cols < 1):
         shared = f"{right - left:g} m x {top - bottom:g} m"
         text = f"the ground that the rasters share, {shared}, holds no cell of {cell:g} m"
-        raise SceneError(Problem(text, "Give smaller cells, or larger rasters", file, field="cell_m"))
+        raise SceneError(text, "Give smaller cells, or larger rasters", file=file, field="cell_m")
     if rows < 1 or cols < 1:
         text = f"the rasters do not overlap: one spans {one}, the other {two}"
-        raise SceneError(Problem(text, "Check their coordinate systems", file))
+        raise SceneError(text, "Check their coordinate systems", file=file)
     if rows * cols > MAX_CELLS:
         text = f"{rows} x {cols} cells of {cell:g} m, more than {MAX_CELLS}"
-        raise SceneError(Problem(text, "Give larger cells", field="cell_m", value=cell))
+        raise SceneError(text, "Give larger cells", field="cell_m", value=cell)
     return left, top, rows, cols
 
 
@@ -275,7 +275,7 @@ def _whole_numbers(raster: Raster, layer: str, x: FloatArray, y: FloatArray, fil
     if codes.dtype.kind == "f":
         if (codes != np.rint(codes)).any():
             text, remedy = f"{layer} codes must be whole numbers", f"Is this the raster of {layer}?"
-            raise SceneError(Problem(text, remedy, file, value=float(codes[codes != np.rint(codes)][0])))
+            raise SceneError(text, remedy, file=file, value=float(codes[codes != np.rint(codes)][0]))
         codes = codes.astype(np.int64)
     return codes, known
 

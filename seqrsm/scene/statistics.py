@@ -26,10 +26,6 @@ class SceneStatistics:
         Share of each category among the cells whose category is known.
     scored_fraction : float
         Share of the cells that are scored.
-    boundary_density_1_m : float
-        Length of category boundary to an area [1/m], for isotropic boundaries.
-    field_boundary_density_1_m : float
-        The same for the boundaries of fields.
     n_fields : int
         Fields that hold at least one cell.
     median_field_m2 : float
@@ -42,8 +38,6 @@ class SceneStatistics:
     max_slope: float
     category_fractions: Mapping[str, float]
     scored_fraction: float
-    boundary_density_1_m: float
-    field_boundary_density_1_m: float
     n_fields: int
     median_field_m2: float
 
@@ -62,8 +56,6 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
         max_slope=max((float(np.abs(part).max(initial=0.0)) for part in slopes), default=0.0),
         category_fractions={name: float(n) / known for name, n in zip(scene.categories, count, strict=True)},
         scored_fraction=float(scene.scored.mean()),
-        boundary_density_1_m=_boundary_density(scene.cover, scene.cell_m),
-        field_boundary_density_1_m=_boundary_density(scene.field_id, scene.cell_m),
         n_fields=n_fields,
         median_field_m2=median * scene.cell_m**2,
     )
@@ -82,9 +74,3 @@ def _counts(layer: AnyArray, n: int) -> AnyArray:
     for own in strips(*layer.shape):
         total += np.bincount(layer[own].ravel(), minlength=n)
     return total
-
-
-def _boundary_density(label: AnyArray, cell_m: float) -> float:
-    """pi/4 x unlike neighbour pairs x cell / area: a grid counts an isotropic boundary 4/pi times too long."""
-    unlike = np.count_nonzero(label[1:] != label[:-1]) + np.count_nonzero(label[:, 1:] != label[:, :-1])
-    return 0.25 * np.pi * float(unlike) / (label.size * cell_m)

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels
 from seqrsm.scene.scene import HIGHEST_M, MAX_CELLS, Scene
 from seqrsm.scene.terrain import fractal_terrain
@@ -49,17 +49,15 @@ def synthetic_scene(
     """
     if rows * cols > MAX_CELLS:
         text = f"{rows} x {cols} cells are more than {MAX_CELLS}"
-        raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))
+        raise SceneError(text, "Give fewer rows or columns", field="rows", value=rows)
     if not 0 <= seed <= LARGEST_SEED:
-        raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
+        raise SceneError("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed)
     if not relief_m <= HIGHEST_M:
         text, remedy = f"the land would reach {relief_m:g} m, which is impossible", f"Give at most {HIGHEST_M:g} m"
-        raise SceneError(Problem(text, f"{remedy} of relief", field="relief_m", value=relief_m))
+        raise SceneError(text, f"{remedy} of relief", field="relief_m", value=relief_m)
     side = round(field_m / cell_m)
     if side < 1:
-        raise SceneError(
-            Problem(f"a field must be at least one cell of {cell_m} m wide", field="field_m", value=field_m)
-        )
+        raise SceneError(f"a field must be at least one cell of {cell_m} m wide", field="field_m", value=field_m)
     elevation = fractal_terrain(rows, cols, relief_m=relief_m, seed=seed).astype(np.float32)
     piece = voronoi_labels(rows, cols, side, seed=seed)
     # A draw for each piece, not for each of its cells.

@@ -78,7 +78,7 @@ def burn_layer(
         rest = [Problem(f"{more} more features are wrong", file=file)] if more > 0 else []
         raise SceneError(*problems[:_MOST_TOLD], *rest)
     if not known.any():
-        raise SceneError(Problem("no polygon overlaps the elevations", "Is it of the same site?", file))
+        raise SceneError("no polygon overlaps the elevations", "Is it of the same site?", file=file)
     return number, known
 
 
@@ -89,10 +89,10 @@ def _geojson(file: str) -> tuple[list[tuple[Any, Any]], str]:
         system = ((document.get("crs") or {}).get("properties") or {}).get("name") or ""
         return [(dict(one.get("properties") or {}), one.get("geometry")) for one in document["features"]], str(system)
     except OSError as error:
-        raise SceneError(Problem(f"cannot read the layer: {error.strerror}", file=file)) from error
+        raise SceneError(f"cannot read the layer: {error.strerror}", file=file) from error
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         remedy = "Give a FeatureCollection of polygons"
-        raise SceneError(Problem(f"not a readable GeoJSON layer: {error!r}", remedy, file)) from error
+        raise SceneError(f"not a readable GeoJSON layer: {error!r}", remedy, file=file) from error
 
 
 def _by_pyogrio(file: str) -> tuple[list[tuple[Any, Any]], str]:
@@ -102,7 +102,7 @@ def _by_pyogrio(file: str) -> tuple[list[tuple[Any, Any]], str]:
         import shapely
     except ImportError as error:
         remedy = f"pip install 'seqrsm[vector]', or: ogr2ogr -f GeoJSON layer.geojson {file}"
-        raise SceneError(Problem("this format needs pyogrio and shapely", remedy, file)) from error
+        raise SceneError("this format needs pyogrio and shapely", remedy, file=file) from error
     try:
         names = [str(name) for name, _ in pyogrio.list_layers(file)]
         if len(names) == 1:
@@ -111,9 +111,9 @@ def _by_pyogrio(file: str) -> tuple[list[tuple[Any, Any]], str]:
             attributes = [dict(zip(meta["fields"], row, strict=True)) for row in zip(*columns, strict=True)]
             return list(zip(attributes or [{}] * len(geometries), geometries, strict=True)), str(meta["crs"] or "")
     except Exception as error:  # a damaged file makes GDAL and GEOS raise whatever comes to hand
-        raise SceneError(Problem(f"not a readable vector layer: {error}", "Rewrite it", file)) from error
+        raise SceneError(f"not a readable vector layer: {error}", "Rewrite it", file=file) from error
     remedy = f"Cut one out: ogr2ogr one.gpkg {file} LAYER"
-    raise SceneError(Problem(f"the file has {len(names)} layers: {', '.join(names)}", remedy, file))
+    raise SceneError(f"the file has {len(names)} layers: {', '.join(names)}", remedy, file=file)
 
 
 def _check_system(system: str, epsg: int | None, widest: float, file: str) -> None:
@@ -123,16 +123,16 @@ def _check_system(system: str, epsg: int | None, widest: float, file: str) -> No
     target = f"EPSG:{epsg}" if epsg is not None else "EPSG:CODE"
     remedy = f"Bring it to the elevations' system: ogr2ogr -t_srs {target} projected.geojson {file}"
     if (own is None and widest <= _WIDEST_DEGREES) or (own is not None and 4000 < own < 5000):
-        raise SceneError(Problem("the layer is in degrees", remedy, file, field="coordinate system"))
+        raise SceneError("the layer is in degrees", remedy, file=file, field="coordinate system")
     if None not in (own, epsg) and own != epsg:
-        raise SceneError(Problem(f"the layer is in EPSG {own}, the elevations in EPSG {epsg}", remedy, file))
+        raise SceneError(f"the layer is in EPSG {own}, the elevations in EPSG {epsg}", remedy, file=file)
 
 
 def _edges(geometry: Any) -> FloatArray:
     """Edges (n, 2, 2) of all rings of a polygon or of several: from and to, x and y."""
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if kind not in ("Polygon", "MultiPolygon"):
-        raise SceneError(Problem("not a polygon", "Keep polygons only", value=kind))
+        raise SceneError("not a polygon", "Keep polygons only", value=kind)
     try:
         parts: Sequence[Any] = [geometry["coordinates"]] if kind == "Polygon" else geometry["coordinates"]
         rings = [np.asarray([point[:2] for point in ring], dtype=np.float64) for part in parts for ring in part]
@@ -141,7 +141,7 @@ def _edges(geometry: Any) -> FloatArray:
     except (ValueError, TypeError, KeyError):
         whole = False
     if not whole:
-        raise SceneError(Problem("its coordinates are not rings of numbers", "Redraw it"))
+        raise SceneError("its coordinates are not rings of numbers", "Redraw it")
     return edges
 
 
@@ -149,7 +149,7 @@ def _whole(properties: Mapping[str, Any], attribute: str, words: Mapping[str, in
     """Whole number of an attribute, or the one that its word stands for."""
     if attribute not in properties:
         remedy = f"Choose one with --attribute: {', '.join(properties) or 'the layer has none'}"
-        raise SceneError(Problem("no such attribute", remedy))
+        raise SceneError("no such attribute", remedy)
     value = properties[attribute]
     try:
         if str(value) in words:
@@ -158,7 +158,7 @@ def _whole(properties: Mapping[str, Any], attribute: str, words: Mapping[str, in
             return int(float(value))
     except (ValueError, TypeError, OverflowError):
         pass
-    raise SceneError(Problem("neither a whole number nor a category of the legend", value=value))
+    raise SceneError("neither a whole number nor a category of the legend", value=value)
 
 
 def _burn(edges: FloatArray, x: FloatArray, y: FloatArray, value: int, number: IntArray, known: BoolArray) -> None:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.errors import Problem, SceneError, UserError
+from seqrsm.errors import SceneError
 from seqrsm.score import kernels_classify
 from seqrsm.score.evidence import Evidence, holds_cells
 
@@ -148,54 +148,11 @@ def by_map_alone(evidence: Evidence) -> Taught:
     return Taught(seen, half, laws, np.ones(n, dtype=bool))
 
 
-def classify_by_forest(evidence: Evidence) -> Classified:
-    """As `classify`, by scikit-learn's random forest of 100 trees, its classes balanced.
-
-    A unit teaches the class that fills most of it, by its cells there.
-
-    Raises
-    ------
-    UserError
-        scikit-learn is not installed.
-    SceneError
-        No unit holds a scored cell.
-    """
-    try:
-        from sklearn.ensemble import RandomForestClassifier
-    except ImportError:
-        remedy = "Install it: pip install 'seqrsm[forest]', or leave \"with random_forest\" out."
-        raise UserError(Problem("a random forest needs scikit-learn", remedy, field="utility")) from None
-    seen, half = _halves_of(evidence)
-    counts, tile = evidence.counts, evidence.tile
-    confusion = np.zeros((len(half), counts.shape[1], counts.shape[1]), dtype=np.int64)
-    taught = np.zeros(counts.shape[1], dtype=np.bool_)
-    alone, own = int(seen.sum()) == 1, half[tile]
-    most = evidence.teaching.argmax(axis=1)
-    weight = np.take_along_axis(evidence.teaching, most[:, None], axis=1)[:, 0]
-    features = evidence.features
-    if evidence.label is not None:
-        features = np.vstack([features, evidence.log_share[evidence.label].T])
-    for tested in (0, 1):
-        test = np.flatnonzero((own == tested) & (counts.sum(axis=1) > 0))
-        teach = np.flatnonzero(((own == tested) if alone else (own != tested)) & (weight > 0))
-        if not len(test) or not len(teach):
-            continue
-        forest = RandomForestClassifier(100, class_weight="balanced", random_state=tested, n_jobs=1)
-        forest.fit(features[:, teach].T, most[teach], weight[teach])
-        taught[forest.classes_] = True
-        named = forest.predict(features[:, test].T)
-        for k in range(counts.shape[1]):
-            np.add.at(confusion[:, k], (tile[test], named), counts[test, k])
-    return Classified(confusion[seen], taught)
-
-
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     """Tiles (n_tiles,) that hold scored cells, and the half that each belongs to."""
     seen = np.bincount(evidence.tile[holds_cells(evidence.counts)], minlength=len(evidence.keys)) > 0
     if not seen.any():
-        raise SceneError(
-            Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
-        )
+        raise SceneError("no scored cell lies in the image", "Give cells with a known category", field="scored")
     half = np.zeros(len(evidence.keys), dtype=np.int64)
     half[seen] = halves(evidence.keys[seen])
     return seen, half
@@ -237,7 +194,7 @@ def _laws(
     return (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0)
 
 
-def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tuple[float, float]:
+def cluster_ratio(correct: AnyArray, cells: AnyArray) -> tuple[float, float]:
     """Share of correct cells and its standard error over clusters.
 
     Ratio estimator of cluster sampling: Cochran (1977), Sampling Techniques, 3rd ed., eq. (6.13) without finite
@@ -246,17 +203,14 @@ def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tupl
     Parameters
     ----------
     correct, cells : int array (n,)
-        Correct and all cells of each unit.
-    cluster : int64 array (n,)
-        Cluster of each unit, numbered without gaps.
+        Correct and all cells of each cluster.
 
     Returns
     -------
     tuple of float
         Share in [0, 1]; standard error, nan with fewer than two clusters.
     """
-    right = np.bincount(cluster, weights=correct)
-    size = np.bincount(cluster, weights=cells)
+    right, size = np.asarray(correct, dtype=np.float64), np.asarray(cells, dtype=np.float64)
     n = len(size)
     share = float(right.sum() / size.sum())
     if n < 2:

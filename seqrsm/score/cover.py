@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import (
     Classified,
@@ -20,7 +20,6 @@ from seqrsm.score.classification import (
     UtilityScore,
     by_map_alone,
     classify,
-    classify_by_forest,
     cluster_ratio,
     named,
     taught,
@@ -89,22 +88,19 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     unknown = [name for name in asked.covers if name not in categories]
     if unknown:
         remedy = f"The scene has {', '.join(categories)}."
-        raise SceneError(Problem("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown)))
+        raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
-    if asked.name == "detection":
-        found = _at_false_alarms(evidence, taught(evidence), covers)
-    else:
-        found = classify_by_forest(evidence) if asked.classifier == "random_forest" else classify(evidence)
+    found = _at_false_alarms(evidence, taught(evidence), covers) if asked.name == "detection" else classify(evidence)
     by_tile = found.confusion
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
     if covers and not true[covers].any():
         raise SceneError(
-            Problem("no scored cell of these covers lies in the image", field="utility", value=", ".join(asked.covers))
+            "no scored cell of these covers lies in the image", field="utility", value=", ".join(asked.covers)
         )
     if asked.name == "percent_correct":
         cells = by_tile.sum(axis=(1, 2))
-        value, se = cluster_ratio(np.trace(by_tile, axis1=1, axis2=2), cells, np.arange(len(by_tile)))
+        value, se = cluster_ratio(np.trace(by_tile, axis1=1, axis2=2), cells)
         value, se = 100.0 * value, 100.0 * se
     else:
         value = float(measure(total, asked.name, covers))
@@ -211,7 +207,7 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> C
         return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
 
     if not np.delete(evidence.counts.sum(axis=0), covers).any():
-        raise SceneError(Problem("the image has no other ground than these covers", field="utility"))
+        raise SceneError("the image has no other ground than these covers", field="utility")
     low, high = -1.0, 1.0
 
     def at(bonus: float) -> Classified:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score.bare_soil import retrieved_fields
@@ -57,11 +57,11 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     variance = float(np.mean([date.spread**2 for date in dates]))
     if not any(date.seen for date in dates):
         text = "no scored cells have retrievable soil moisture"
-        raise SceneError(Problem(text, "Choose another utility, or a scene with bare soil.", field="utility"))
+        raise SceneError(text, "Choose another utility, or a scene with bare soil.", field="utility")
     if variance == 0.0:
         remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
-        raise SceneError(Problem("all the ground of a run is as moist", remedy, field="utility"))
-    square, se = cluster_ratio(weight * error**2, weight, np.arange(len(weight)))
+        raise SceneError("all the ground of a run is as moist", remedy, field="utility")
+    square, se = cluster_ratio(weight * error**2, weight)
     skill = 1.0 - square / variance
     details: dict[str, object] = {
         "truth_sd": float(np.sqrt(np.cov(truth, aweights=weight, ddof=0))),
@@ -98,7 +98,7 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
         retrieved, unit = retrieved_fields(radars, scene, seed, run_id)
     elif isinstance(images[0], RadarImage) or len(images) > 1:
         text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
-        raise SceneError(Problem(text, "Use one campaign for each.", field="utility"))
+        raise SceneError(text, "Use one campaign for each.", field="utility")
     else:
         sensor = images[0].radiometer
         retrieved, unit = retrieved_squares(images[0], scene)

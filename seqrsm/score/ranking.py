@@ -169,7 +169,7 @@ def _scores(
     def minus_log_posterior(reduced: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         x = basis @ reduced
         value, gradient, hessian = log_likelihood(rankings, x, log_sharpness)
-        slope, curvature = gradient[:n] - precision * x, hessian[:n, :n] - precision * np.eye(n)
+        slope, curvature = gradient - precision * x, hessian - precision * np.eye(n)
         return 0.5 * precision * float(x @ x) - value, -basis.T @ slope, -basis.T @ curvature @ basis
 
     found = _newton(minus_log_posterior, basis.T @ start)
@@ -180,11 +180,11 @@ def _sharpness(
     rankings: Sequence[Ranking], scores: FloatArray, covariance: FloatArray, prior_sd: float
 ) -> tuple[float, float]:
     """Log sharpness of the interpreter of some rankings, the most probable over the scores, and its standard error."""
-    rankings, n = [Ranking(0, ranking.groups) for ranking in rankings], len(scores)
+    rankings = [Ranking(0, ranking.groups) for ranking in rankings]
 
     def minus_log_posterior(log_sharpness: float) -> float:
         value, _, hessian = log_likelihood(rankings, scores, np.array([log_sharpness]))
-        expected = value + 0.5 * float(np.sum(hessian[:n, :n] * covariance))
+        expected = value + 0.5 * float(np.sum(hessian * covariance))
         return 0.5 * (log_sharpness / prior_sd) ** 2 - expected
 
     best = float(
@@ -233,24 +233,16 @@ def log_likelihood(
 
     Returns
     -------
-    float, ndarray (n + m,), ndarray (n + m, n + m)
-        In the order scores, log sharpness.
+    float, ndarray (n,), ndarray (n, n)
     """
-    n = len(scores)
-    value, gradient, hessian = 0.0, np.zeros(n + len(log_sharpness)), np.zeros((n + len(log_sharpness),) * 2)
+    value, gradient, hessian = 0.0, np.zeros(len(scores)), np.zeros((len(scores), len(scores)))
     for ranking in rankings:
         images = np.array([image for group in ranking.groups for image in group], dtype=np.intp)
-        kappa, j = float(np.exp(log_sharpness[ranking.interpreter])), n + ranking.interpreter
-        eta = kappa * scores[images]
-        log_p, g, h = _log_probability(eta, [len(group) for group in ranking.groups])
+        kappa = float(np.exp(log_sharpness[ranking.interpreter]))
+        log_p, g, h = _log_probability(kappa * scores[images], [len(group) for group in ranking.groups])
         value += log_p
         gradient[images] += kappa * g
-        gradient[j] += g @ eta
         hessian[np.ix_(images, images)] += kappa**2 * h
-        cross = kappa * (g + h @ eta)
-        hessian[images, j] += cross
-        hessian[j, images] += cross
-        hessian[j, j] += g @ eta + eta @ h @ eta
     return value, gradient, hessian
 
 

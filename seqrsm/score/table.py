@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from seqrsm.errors import Problem, ScoresFileError
+from seqrsm.errors import ScoresFileError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -58,7 +58,7 @@ def table_text(source: TableSource) -> TableText:
     if not isinstance(source, (Path, str)):
         if not hasattr(source, "to_numpy") or not hasattr(source, "columns"):
             remedy = "Give a pandas DataFrame, or the name of a file."
-            raise ScoresFileError(Problem("this is no table", remedy, value=type(source).__name__))
+            raise ScoresFileError("this is no table", remedy, value=type(source).__name__)
         data = _csv_of(_rows_of(source))
         return TableText("DataFrame", hashlib.sha256(data).hexdigest(), data)
     path = Path(source)
@@ -87,14 +87,14 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
         sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, keep_default_na=False)
     except ImportError:
         remedy = f"Install it: pip install 'seqrsm[{extra}]', or save the table as CSV in UTF-8."
-        raise ScoresFileError(Problem(f"a {kind} file needs {library}", remedy, file=str(path))) from None
+        raise ScoresFileError(f"a {kind} file needs {library}", remedy, file=str(path)) from None
     except Exception as error:  # the libraries raise whatever they like over a broken file
         remedy = "Save it anew, or as CSV in UTF-8."
-        raise ScoresFileError(Problem(f"the file cannot be read: {error}", remedy, file=str(path))) from None
+        raise ScoresFileError(f"the file cannot be read: {error}", remedy, file=str(path)) from None
     full = {name: sheet for name, sheet in sheets.items() if not sheet.empty}
     if len(full) > 1:
         message = f"the workbook has {len(full)} sheets with content: {', '.join(map(str, full))}"
-        raise ScoresFileError(Problem(message, "Leave the one with the scores.", file=str(path)))
+        raise ScoresFileError(message, "Leave the one with the scores.", file=str(path))
     return [row for sheet in full.values() for row in sheet.to_numpy(dtype=object)]
 
 
@@ -117,15 +117,15 @@ def _cell(value: Any) -> str:
 def _read_bytes(path: Path) -> bytes:
     """Bytes of a file of at most `MAX_BYTES`; ScoresFileError when it is absent, larger, or cannot be read."""
     if not path.is_file():
-        raise ScoresFileError(Problem("there is no such file", "Check the name.", file=str(path)))
+        raise ScoresFileError("there is no such file", "Check the name.", file=str(path))
     size = path.stat().st_size
     if size > MAX_BYTES:
         remedy = f"A file of scores has at most {MAX_BYTES // 1_000_000} MB; split it."
-        raise ScoresFileError(Problem(f"the file has {size / 1e6:.1f} MB", remedy, file=str(path)))
+        raise ScoresFileError(f"the file has {size / 1e6:.1f} MB", remedy, file=str(path))
     try:
         return path.read_bytes()
     except OSError as error:
-        raise ScoresFileError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
+        raise ScoresFileError(f"the file cannot be read: {error.strerror}", file=str(path)) from None
 
 
 DELIMITERS = (",", ";", "\t", "|")
@@ -183,7 +183,7 @@ def read_table(name: str, data: bytes, is_known: Callable[[str], bool]) -> Table
     """
     text = _decode(name, data)
     if not text.strip():
-        raise ScoresFileError(Problem("the file is empty", "Give a header and a row for each score.", file=name))
+        raise ScoresFileError("the file is empty", "Give a header and a row for each score.", file=name)
 
     text = _without_preamble(text, is_known)
 
@@ -211,18 +211,18 @@ def _without_preamble(text: str, is_known: Callable[[str], bool]) -> str:
 def _decode(name: str, data: bytes) -> str:
     for beginning, message in _BEGINNINGS:
         if data.startswith(beginning):
-            raise ScoresFileError(Problem(message, _SAVE_AS, file=name, line=1))
+            raise ScoresFileError(message, _SAVE_AS, file=name, line=1)
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         message = "the file holds zero bytes: it is UTF-16 without a mark, or not text"
-        raise ScoresFileError(Problem(message, _SAVE_AS, file=name, line=line))
+        raise ScoresFileError(message, _SAVE_AS, file=name, line=line)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         message = "the file is not UTF-8 text, perhaps Latin-1 (Windows-1252)"
         raise ScoresFileError(
-            Problem(message, _SAVE_AS, file=name, line=line, value=data[error.start : error.start + 1])
+            message, _SAVE_AS, file=name, line=line, value=data[error.start : error.start + 1]
         ) from None
 
 
@@ -239,6 +239,6 @@ def _records(name: str, text: str, delimiter: str, *, lenient: bool = False) -> 
             if lenient:
                 return
             remedy = 'Close every quote, and write a quote inside a quoted cell twice: "".'
-            raise ScoresFileError(Problem(f"the row cannot be read: {error}", remedy, file=name, line=line)) from None
+            raise ScoresFileError(f"the row cannot be read: {error}", remedy, file=name, line=line) from None
         if any(cell.strip() for cell in cells):
             yield line, tuple(cells)

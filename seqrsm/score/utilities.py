@@ -1,9 +1,8 @@
 """The utilities that ship, a row of ``data/utilities.csv`` each: what specification, engines and pages know of them.
 
 A campaign names one as ``NAME``, ``NAME of COVER, COVER`` where it is about certain covers, and of those that classify
-``NAME by UNIT``, a unit of `UNITS_OF_GROUND`, and ``with gaussian`` or ``with random_forest``: "f1 of Corn by field". A
-further one is a module of this package and a row there. Functions are named and not imported, since they load the
-engines, which the specification does without.
+``NAME by UNIT``, a unit of `UNITS_OF_GROUND`: "f1 of Corn by field". A further one is a module of this package and a
+row there. Functions are named and not imported, since they load the engines, which the specification does without.
 """
 
 from __future__ import annotations
@@ -17,8 +16,6 @@ from typing import Any, Final
 
 UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "segment", "field")
 """What is classified as a whole."""
-
-CLASSIFIERS: Final = ("gaussian", "random_forest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +33,11 @@ class Utility:
     is_error : bool
         Scores are errors, which are made small.
     function : str
-        "module:function" that scores images; "" of what is measured only.
-    engines : tuple of str
-        Whose images it scores.
+        "module:function" that scores images of either engine; "" of what is measured only.
     classifies : bool
         It names covers, by a unit of ground.
     of_covers : bool
         It is about certain covers, which must be named.
-    several : bool
-        It scores several images together.
     """
 
     words: str = ""
@@ -52,27 +45,24 @@ class Utility:
     is_percent: bool = False
     is_error: bool = False
     function: str = ""
-    engines: tuple[str, ...] = ()
     classifies: bool = False
     of_covers: bool = False
-    several: bool = False
 
 
 def _table() -> Mapping[str, Utility]:
-    """Rows of ``data/utilities.csv``; engines and traits, which are fields of `Utility`, are separated by blanks."""
+    """Rows of ``data/utilities.csv``; traits, which are fields of `Utility`, are separated by blanks."""
     found = {}
     with (Path(__file__).parent / "data" / "utilities.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             traits: dict[str, Any] = dict.fromkeys(row["traits"].split(), True)
-            engines = tuple(row["engines"].split())
-            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], engines=engines, **traits)
+            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], **traits)
     return found
 
 
 UTILITIES: Final = _table()
 """By the names of ``campaign.toml``."""
 
-OF_THE_USER: Final = Utility(several=True, engines=("psm", "prm"))
+OF_THE_USER: Final = Utility()
 """What is known of a function of the user's own."""
 
 
@@ -88,14 +78,11 @@ class Asked:
         That it is about; empty for all.
     by : str
         Unit of ground, of `UNITS_OF_GROUND`.
-    classifier : str
-        Of `CLASSIFIERS`.
     """
 
     name: str
     covers: tuple[str, ...] = ()
     by: str = "pixel"
-    classifier: str = "gaussian"
 
     @property
     def row(self) -> Utility:
@@ -111,8 +98,7 @@ def asked_for(text: str) -> Asked:
     ValueError
         What is wrong with them, in a sentence.
     """
-    rest, _, classifier = text.partition(" with ")
-    rest, _, by = rest.partition(" by ")
+    rest, _, by = text.partition(" by ")
     name, _, covers = rest.partition(" of ")
     named = tuple(part.strip() for part in covers.split(",") if part.strip())
     if name not in UTILITIES:
@@ -121,19 +107,15 @@ def asked_for(text: str) -> Asked:
         hint = f'did you mean "{near[0]}"?' if near else f"use {', '.join(UTILITIES)}, {own}"
         raise ValueError(f"no utility is called {name!r}; {hint}")
     row = UTILITIES[name]
-    if (by or classifier) and not row.classifies:
+    if by and not row.classifies:
         raise ValueError(f'"{name}" does not classify: leave "{text[len(rest) :]}" out')
-    if classifier and classifier not in CLASSIFIERS:
-        raise ValueError(f"classifiers are {' and '.join(CLASSIFIERS)}, not {classifier!r}")
-    if classifier == "random_forest" and name == "detection":
-        raise ValueError('"detection" needs the likelihoods of the gaussian classifier')
     if by and by not in UNITS_OF_GROUND:
         raise ValueError(f"ground is classified by {', '.join(UNITS_OF_GROUND)}, not by {by!r}")
     if named and not row.of_covers:
         raise ValueError(f'"{name}" applies to all covers: leave " of {covers}" out')
     if row.of_covers and not named:
         raise ValueError(f'"{name}" applies to named covers: write "{name} of" and their names, as in the scene')
-    return Asked(name, named, by or "pixel", classifier or "gaussian")
+    return Asked(name, named, by or "pixel")
 
 
 def utility_of(text: str) -> Utility:

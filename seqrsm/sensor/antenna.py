@@ -6,17 +6,15 @@ to the peak, which is the antenna gain.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import EARTH_RADIUS_M
-from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.errors import ConfigurationError
 
 ElevationPattern = Literal["isotropic", "cosecant_squared", "sinc_squared", "table"]
 
@@ -96,31 +94,6 @@ def atmosphere_factor(zenith_loss_db: float, incidence_rad: FloatArray) -> Float
     return np.asarray(10.0 ** (-0.1 * zenith_loss_db * path))
 
 
-def pattern_file_text(path: str, problems: list[Problem]) -> str:
-    """Text for `pattern_points` from a CSV file look_deg,gain_db; what is wrong is added to ``problems``."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-        rows = [[word.strip() for word in row] for row in csv.reader(lines) if any(word.strip() for word in row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        text = f"the pattern cannot be read: {getattr(error, 'strerror', None) or error}"
-        problems.append(Problem(text, "Give a CSV file of look_deg,gain_db", file=path, field="pattern_file"))
-        return "0:0, 90:0"
-    wrong = [number for number, row in enumerate(rows[1:], start=2) if len(row) != 2]
-    if not rows or rows[0] != ["look_deg", "gain_db"] or wrong:
-        remedy = "Give the columns look_deg,gain_db and no others"
-        line = wrong[0] if wrong and rows[0] == ["look_deg", "gain_db"] else 1
-        problems.append(Problem("not a pattern", remedy, file=Path(path).name, line=line, field="pattern_file"))
-        return "0:0, 90:0"
-    text = ", ".join(f"{look}:{gain}" for look, gain in rows[1:])
-    try:
-        pattern_points(text)
-    except ConfigurationError:
-        remedy = "Give two lines or more of rising look angles [deg] with gains [dB] of at most 0"
-        problems.append(Problem("not a pattern", remedy, file=Path(path).name, field="pattern_file"))
-        return "0:0, 90:0"
-    return text
-
-
 def pattern_points(text: str) -> tuple[tuple[float, float], ...]:
     """Points of a pattern from text such as ``"0:-20, 40:0, 70:-3"`` (look angle [deg] : gain [dB]).
 
@@ -137,5 +110,5 @@ def pattern_points(text: str) -> tuple[tuple[float, float], ...]:
     finite = all(math.isfinite(number) for point in points for number in point)
     if len(points) < 2 or not finite or sorted(set(angles)) != angles or max(gain for _, gain in points) > 0.0:
         remedy = 'Write rising look angles [deg] with gains [dB] of at most 0, as in "0:-20, 40:0, 70:-3"'
-        raise ConfigurationError(Problem("not a pattern", remedy, field="pattern_table", value=text))
+        raise ConfigurationError("not a pattern", remedy, field="pattern_table", value=text)
     return points

@@ -92,7 +92,7 @@ def as_parameters(sensor: Sensor) -> dict[str, float | str]:
     found: dict[str, float | str] = {}
     for row in table.values():
         value = getattr(sensor, row.field)
-        if row.name == "pattern_file" or value is None or value in ((), ""):
+        if value is None or value in ((), ""):
             continue
         if row.kind == "channels":
             value = "+".join(value)

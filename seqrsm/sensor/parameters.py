@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal, TypeVar, cast
 
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.sensor.antenna import pattern_file_text, pattern_points
+from seqrsm.sensor.antenna import pattern_points
 
 Kind = Literal["number", "whole", "word", "channels", "pattern", "function", "file", "days"]
 
@@ -33,7 +33,7 @@ class Parameter:
     name : str
         In ``campaign.toml``.
     field : str
-        Of the configuration; ``[simulator.fixed]`` takes this name, too.
+        Of the configuration.
     kind : {"number", "whole", "word", "channels", "pattern", "function", "file", "days"}
         A number; a whole number; one of `levels`; some of `levels`, joined by "+"; points of an antenna pattern (see
         `seqrsm.sensor.antenna.pattern_points`); one of `levels` or a function of the user's, "module:function"; the
@@ -136,10 +136,10 @@ class Parameter:
         text = str(written)
         if self.kind == "channels":
             return tuple(part.strip() for part in text.split("+"))
-        if self.field != "pattern_table":
+        if self.kind != "pattern":
             return text
         try:
-            return pattern_points(pattern_file_text(text, problems) if self.kind == "file" else text)
+            return pattern_points(text)
         except ConfigurationError as error:
             problems.extend(error.problems)
             return ()
@@ -203,11 +203,6 @@ CALENDAR: Final = _table("calendar")
 """Parameters of `seqrsm.sensor.sets.Dates`, which every sensor has, by their names in ``campaign.toml``."""
 
 
-def find(table: Mapping[str, Parameter], name: str) -> Parameter | None:
-    """The row of a parameter by its name in ``campaign.toml`` or that of its field; None where there is none."""
-    return table.get(name) or next((row for row in table.values() if row.field == name), None)
-
-
 def value_problems(table: Mapping[str, Parameter], configuration: Any) -> list[Problem]:
     """Every value of a configuration that is impossible alone; None is possible where it is the default."""
     values = {field.name: (getattr(configuration, field.name), field.default) for field in fields(configuration)}
@@ -254,8 +249,8 @@ def configured(
     table : Mapping
         `RADAR` or `RADIOMETER`.
     settings, fixed : Mapping
-        Levels of the factors, and everything that is no factor; by the names of ``campaign.toml`` or of the fields. A
-        polarization such as ``"HH+HV"`` is a set of channels.
+        Levels of the factors, and everything that is no factor; by the names of ``campaign.toml``. A polarization such
+        as ``"HH+HV"`` is a set of channels.
 
     Raises
     ------
@@ -265,14 +260,12 @@ def configured(
     given: dict[str, object] = {}
     problems: list[Problem] = []
     for name, written in [*settings.items(), *(fixed or {}).items()]:
-        row = find(table, name)
+        row = table.get(name)
         if row is None:
             remedy = f"Known: {', '.join(table)}"
             problems.append(Problem(f"no such {sensor} parameter", remedy, field=name, value=written))
         elif row.field in given:
-            problems.append(
-                Problem("given twice", "Give it once: as a factor or as fixed, and by one of its names", field=name)
-            )
+            problems.append(Problem("given twice", "Give it once: as a factor or as fixed", field=name))
         else:
             given[row.field] = row.converted(written, problems)
     needed = {field.name for field in fields(configuration) if field.default is MISSING}  # type: ignore[arg-type]

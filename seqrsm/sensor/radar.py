@@ -85,8 +85,7 @@ class RadarConfiguration:
     elevation_beamwidth_deg : float
         Half-power width of the beam in elevation [deg].
     pattern_table : tuple of (float, float)
-        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``, or by
-        ``pattern_file``, a CSV file of columns ``look_deg,gain_db``.
+        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``.
     pulse_length_us : float
         Length of the transmitted pulse [us]; compression gains bandwidth x length.
     prf_hz : float

@@ -114,9 +114,7 @@ def scan_geometry(
     """
     if height_m <= 0.0:
         text = "the flight line is not above the ground"
-        raise ConfigurationError(
-            Problem(text, "Increase the altitude", field="altitude_m", value=radiometer.altitude_m)
-        )
+        raise ConfigurationError(text, "Increase the altitude", field="altitude_m", value=radiometer.altitude_m)
     if radiometer.conical:
         return _conical_geometry(radiometer, height_m, across_m, along_m)
     beta = radiometer.beamwidth_rad(height_m)
@@ -324,11 +322,11 @@ def _measured_integral(path: str) -> FloatArray:
         table = np.array([[float(cell) for cell in row] for row in rows[1:]])
         header = [cell.strip() for cell in rows[0]]
     except (OSError, ValueError, IndexError) as error:
-        raise ConfigurationError(Problem(f"not a readable pattern: {error}", file=path, field="beam_file")) from error
+        raise ConfigurationError(f"not a readable pattern: {error}", file=path, field="beam_file") from error
     wrong = header != ["angle_beamwidths", "gain"] or table.ndim != 2 or len(table) < 5
     if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].sum() > 0.0:
         text = "a pattern has columns angle_beamwidths (rising) and gain (>= 0), at least 5 rows"
-        raise ConfigurationError(Problem(text, file=Path(path).name, field="beam_file"))
+        raise ConfigurationError(text, file=Path(path).name, field="beam_file")
     n = math.ceil(float(np.abs(table[:, 0]).max()) * BEAM_STEPS_A_WIDTH)
     u = np.arange(-n, n + 1) / BEAM_STEPS_A_WIDTH
     return _normalised(np.interp(u, table[:, 0], table[:, 1], left=0.0, right=0.0))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, Parameter, configured, find
+from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, Parameter, configured
 
 SENSORS: Final[Mapping[str, Mapping[str, Parameter]]] = {
     "psm": {**RADAR, **CALENDAR},
@@ -62,16 +62,16 @@ class Dates:
     def __post_init__(self) -> None:
         if self.days and (self.dates != 1 or self.first_day is not None):
             text = "the days are specified twice"
-            raise ConfigurationError(Problem(text, "Give days, or dates and first_day", field="days", value=self.days))
+            raise ConfigurationError(text, "Give days, or dates and first_day", field="days", value=self.days)
         if not self.days and self.first_day is None and self.dates != 1:
             text = "several dates need a first day"
-            raise ConfigurationError(Problem(text, "Give first_day", field="dates", value=self.dates))
+            raise ConfigurationError(text, "Give first_day", field="dates", value=self.dates)
         for day in self.on:
             if not 1.0 <= day <= LAST_DAY:
                 text = f"a date on day {day:g} lies beyond the year"
                 remedy = "Keep all dates within days 1 to 365: fewer dates, a shorter interval or an earlier first day"
                 field = "days" if self.days else "first_day"
-                raise ConfigurationError(Problem(text, remedy, field=field, value=self.days or self.first_day))
+                raise ConfigurationError(text, remedy, field=field, value=self.days or self.first_day)
 
     @property
     def on(self) -> tuple[float, ...]:
@@ -110,11 +110,7 @@ class Member:
 
 def frequency_of(name: str, members: Mapping[str, Values]) -> float | None:
     """Frequency [GHz] of a member by its table, band letter or number; None: no such member."""
-    own = members.get(name, {})
-    written = own.get("frequency", own.get("frequency_ghz"))
-    if written is not None:
-        return _ghz(written)
-    return _ghz(name)
+    return _ghz(members.get(name, {}).get("frequency", name))
 
 
 def _ghz(written: float | str) -> float | None:
@@ -156,7 +152,7 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
     ConfigurationError
         Unknown or doubled members, impossible dates.
     """
-    written = settings.get("frequency", fixed.get("frequency", fixed.get("frequency_ghz", 0.0)))
+    written = settings.get("frequency", fixed.get("frequency", 0.0))
     own = bool(members) or any("." in name for name in (*settings, *fixed))
     if not isinstance(written, str) or (not own and "+" not in written):
         dates, plain, rest = _apart(_in_ghz(settings), _in_ghz(fixed))
@@ -169,10 +165,7 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
 
 def _in_ghz(values: Values) -> Values:
     """The same with a band's letter as its frequency."""
-    return {
-        key: BANDS.get(str(value), value) if key in ("frequency", "frequency_ghz") else value
-        for key, value in values.items()
-    }
+    return {key: BANDS.get(str(value), value) if key == "frequency" else value for key, value in values.items()}
 
 
 def _member(name: str, engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> Member:
@@ -181,8 +174,8 @@ def _member(name: str, engine: str, settings: Values, fixed: Values, members: Ma
     table = SENSORS[own_engine]
     given: dict[str, Any] = {}
     for values in (fixed, settings):
-        given |= {row.name: v for key, v in values.items() if (row := find(table, key)) is not None}
-    given |= {row.name if (row := find(table, key)) is not None else key: v for key, v in own.items()}
+        given |= {key: value for key, value in values.items() if key in table}
+    given |= own
     for values in (fixed, settings):
         given |= {key.partition(".")[2]: v for key, v in values.items() if key.partition(".")[0] == name and "." in key}
     given["frequency"] = frequency_of(name, members)

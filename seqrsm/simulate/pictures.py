@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 from seqrsm.scene.scene import Scene
 from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels
 from seqrsm.simulate.radar.receiver import picture as quantised_picture
@@ -348,6 +348,4 @@ def _write(out: Path, action: Any) -> None:
     try:
         action()
     except OSError as error:
-        raise UserError(
-            Problem(f"cannot write the file: {error.strerror}", "Name another file.", file=str(out))
-        ) from error
+        raise UserError(f"cannot write the file: {error.strerror}", "Name another file.", file=str(out)) from error

@@ -69,15 +69,13 @@ def run_on_cluster(
         from distributed import Client
     except ImportError as error:
         remedy = "Install it: pip install 'seqrsm[cluster]'"
-        raise UserError(
-            Problem("running on a cluster needs the package distributed", remedy, field="cluster")
-        ) from error
+        raise UserError("running on a cluster needs the package distributed", remedy, field="cluster") from error
     contents = _contents(files)
     try:
         client: Any = Client(address, timeout=f"{CONNECT_S}s", set_as_default=False)
     except (OSError, ValueError) as error:
         remedy = "Start a scheduler there (dask scheduler), or correct the address"
-        raise UserError(Problem(f"no cluster responds: {error}", remedy, field="cluster", value=address)) from error
+        raise UserError(f"no cluster responds: {error}", remedy, field="cluster", value=address) from error
     try:
         if contents:
             _send_files(client, contents)
@@ -92,7 +90,7 @@ def run_on_cluster(
         raise found.error from found.error.__cause__
     except (OSError, CancelledError) as error:
         text = "the connection to the cluster was lost during runs"
-        raise UserError(Problem(text, "Restart it; finished runs are kept", field="cluster", value=address)) from error
+        raise UserError(text, "Restart it; finished runs are kept", field="cluster", value=address) from error
     finally:
         client.close()
 
@@ -130,7 +128,7 @@ def _run_all(
         if standstills == MAX_STANDSTILLS:
             text = "the cluster is idle: runs are waiting, but no worker is active"
             remedy = "Start workers, or look at the scheduler's log; finished runs are kept"
-            raise UserError(Problem(text, remedy, field="cluster", value=client.scheduler.address))
+            raise UserError(text, remedy, field="cluster", value=client.scheduler.address)
     return killed
 
 
@@ -285,6 +283,12 @@ def run_many(
         if progress is not None:
             progress(finished, len(arguments))
         yield result
+
+
+def do_all(do: Callable[[int], object], n: int, threads: int) -> None:
+    """Call ``do(k)`` for all k < n, by that many threads."""
+    for _ in run_many(do, range(n), threads):
+        pass
 
 
 def _run_in_threads(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R]]:

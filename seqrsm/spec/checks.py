@@ -14,7 +14,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.spec.faults import Reporter
-from seqrsm.spec.sensors import RESERVED, sensors
+from seqrsm.spec.sensors import RESERVED
 from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec
 from seqrsm.spec.toml_lines import Path
 
@@ -155,11 +155,9 @@ def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence
             remedy = f"Give its path from the campaign's folder{more}."
             report.add(("simulator", key), "there is no such file", remedy, file)
     for key, value in fixed.items() if isinstance(fixed, dict) else ():
-        parameter = sensors(table).parameter(key)
-        for name in factor_names:
-            if name == key or (parameter is not None and name in (parameter.name, parameter.field)):
-                message = f"'{name}' is both a factor and fixed"
-                report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
+        if key in factor_names:
+            message = f"'{key}' is both a factor and fixed"
+            report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
 
 
 def region(

@@ -47,13 +47,12 @@ class Reporter:
             tail += f" no. {part + 1}" if isinstance(part, int) else (f".{part}" if tail else f"{part}")
         return f"{head} {tail}".strip()
 
-    def unknown_key(self, path: Path, known: Iterable[str], remedy: str = "") -> None:
-        """Note a key that is not one of ``known``, with the nearest of them where there is no ``remedy``."""
+    def unknown_key(self, path: Path, known: Iterable[str]) -> None:
+        """Note a key that is not one of ``known``, with the nearest of them."""
         names = list(known)
         near = difflib.get_close_matches(str(path[-1]), names, n=1)
         others = f"Known here: {', '.join(names)}." if names else "Remove it."
-        remedy = remedy or (f"Did you mean '{near[0]}'?" if near else others)
-        self.add(path, f"'{path[-1]}' is not a known key", remedy)
+        self.add(path, f"'{path[-1]}' is not a known key", f"Did you mean '{near[0]}'?" if near else others)
 
     def missing_table(self, key: str, *, repeated: bool) -> None:
         """Note that a whole table is absent."""
@@ -71,9 +70,7 @@ class Reporter:
         if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
             return
         if kind == "extra_forbidden":
-            inner = len(detail["loc"]) > 1
-            remedy = "" if inner else table.GONE.get(str(detail["loc"][0]), (None, ""))[1]
-            self.unknown_key(location, [] if inner else table.model_fields, remedy)
+            self.unknown_key(location, [] if len(detail["loc"]) > 1 else table.model_fields)
         elif kind == "missing":
             self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
         elif kind in ("model_type", "dict_type"):

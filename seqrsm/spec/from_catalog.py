@@ -18,7 +18,7 @@ from pathlib import Path
 from seqrsm.catalog.search import words_of
 from seqrsm.catalog.start import Measure, StartLevels, StartRange, StartRanges, measure_of, start_ranges
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import known_heights
 from seqrsm.score.utilities import asked_for
@@ -138,7 +138,7 @@ def applications_of(applications: Sequence[str]) -> list[Wanted]:
         without = next(one for one in found if not one.measure.utility)
         remedy = "Make a separate campaign for it."
         message = f"no utility measures it: {without.measure.says}; the other applications are simulated"
-        raise UserError(Problem(message, remedy, field="--application", value=without.words))
+        raise UserError(message, remedy, field="--application", value=without.words)
     return found
 
 
@@ -195,7 +195,7 @@ def _site(path: Path, wanted: Sequence[Wanted]) -> Site:
         if lacking:
             remedy = f"The scene has {', '.join(known)}."
             message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
-            raise UserError(Problem(message, remedy, file=str(path)))
+            raise UserError(message, remedy, file=str(path))
     _, mean_m, highest_m = known_heights(scene)
     return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m, mean_m, highest_m)
 

@@ -90,8 +90,6 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.scattering.readers import COVER
-from seqrsm.sensor.parameters import find
-from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
 from seqrsm.spec import sensors as spec_sensors
 from seqrsm.spec.faults import Reporter
@@ -210,7 +208,7 @@ class CampaignSpec:
             if application.name == name:
                 return application
         known = ", ".join(application.name for application in self.applications)
-        raise SpecError(Problem("no such application", f"Applications: {known}.", field="application", value=name))
+        raise SpecError("no such application", f"Applications: {known}.", field="application", value=name)
 
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
@@ -240,20 +238,20 @@ def load_spec(location: FilePath | str) -> CampaignSpec:
 def _read_text(path: FilePath) -> str:
     if not path.is_file():
         raise SpecError(
-            Problem("there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path))
+            "there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path)
         )
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SpecError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
+        raise SpecError(f"the file cannot be read: {error.strerror}", file=str(path)) from None
     if len(data) > MAX_BYTES:
-        raise SpecError(Problem(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path)))
+        raise SpecError(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path))
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise SpecError(
-            Problem("the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line)
+            "the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line
         ) from None
 
 
@@ -265,7 +263,7 @@ def _parse(path: FilePath, text: str) -> dict[str, Any]:
         line = int(match[1]) if match else text.count("\n") + 1
         message = re.sub(r"\s*\(at .*\)$", "", str(error))
         remedy = "Text stands in quotes, lists in [ ], and each key once in its table; see https://toml.io."
-        raise SpecError(Problem(f"this is not valid TOML: {message}", remedy, file=str(path), line=line)) from None
+        raise SpecError(f"this is not valid TOML: {message}", remedy, file=str(path), line=line) from None
 
 
 _T = TypeVar("_T", bound=Table)
@@ -341,15 +339,15 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         return None
     campaign, model, cost, stop = (single[key] for key in ("campaign", "model", "cost", "stop"))
     content: dict[str, object] = {
-        "campaign": campaign.model_dump(),
+        "campaign": campaign.model_dump(exclude_defaults=True),
         "factors": [repr(factor) for factor in region.factors],
         "constraints": [constraint.expr for constraint in region.constraints],
-        "applications": [application.model_dump() for application in applications],
-        "considerations": [table.model_dump() for table in repeated["consideration"]],
-        "model": model.model_dump(),
-        "simulator": None if simulator is None else simulator.model_dump(),
-        "cost": cost.model_dump(),
-        "stop": stop.model_dump(),
+        "applications": [application.model_dump(exclude_defaults=True) for application in applications],
+        "considerations": [table.model_dump(exclude_defaults=True) for table in repeated["consideration"]],
+        "model": model.model_dump(exclude_defaults=True),
+        "simulator": None if simulator is None else simulator.model_dump(exclude_defaults=True),
+        "cost": cost.model_dump(exclude_defaults=True),
+        "stop": stop.model_dump(exclude_defaults=True),
     }
     return CampaignSpec(
         folder=folder,
@@ -374,15 +372,10 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
-    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``, by whichever of its names."""
+    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``."""
     file, written = spec.folder / SPEC_NAME, str(problem.field)
     lines = key_lines(file.read_text(encoding="utf-8-sig"))
     if written == COVER:
         return replace(problem, file=str(file), line=lines.get(("simulator", "scene")), field="[simulator] scene")
-    if spec.simulator is not None:
-        table = SENSORS[spec.simulator.engine]
-        parameter = find(table, written)
-        same = (name for name in spec.simulator.fixed if parameter is not None and find(table, name) is parameter)
-        written = next(same, written)
     line = lines.get(("simulator", "fixed", written))
     return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {written}")

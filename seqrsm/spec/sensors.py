@@ -10,7 +10,7 @@ from typing import Any
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.errors import RegionError
 from seqrsm.sensor.named import nearest_names, sensors_called
-from seqrsm.sensor.parameters import Parameter, find
+from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.sets import SENSORS, set_problem
 from seqrsm.spec.faults import Reporter
 from seqrsm.spec.tables import CandidateSpec
@@ -69,7 +69,7 @@ class Sensors:
         """The parameter that a factor is; without an engine, one of Table 1 whose name does not tell its unit."""
         if self.engine is not None:
             member, _, own = name.rpartition(".")
-            return find(self.table(member), own)
+            return self.table(member).get(own)
         rows = (table.get(name) for table in SENSORS.values())
         return next((row for row in rows if row is not None and row.name != row.field), None)
 
@@ -90,7 +90,7 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
     factors = [f for f in written if isinstance(f, dict) and isinstance(f.get("name"), str)]
     levels = (f.get("levels") for f in factors if f["name"] == "frequency")
     sets = [level for own in levels if isinstance(own, list) for level in own]
-    sets += [fixed[key] for key in ("frequency", "frequency_ghz") if isinstance(fixed.get(key), str)]
+    sets += [fixed["frequency"]] if isinstance(fixed.get("frequency"), str) else []
     known = {part.strip() for level in sets for part in str(level).split("+")}
     path: Path
     for name, own in instruments.members.items():
@@ -103,7 +103,7 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
             report.add((*path, "engine"), "there is no such engine", f"Known: {', '.join(SENSORS)}.", engine)
             continue
         for key in own:
-            if key != "engine" and find(SENSORS[engine], key) is None:
+            if key != "engine" and key not in SENSORS[engine]:
                 remedy = _meant(key, SENSORS[engine], engine)
                 report.add((*path, key), f"the engine '{engine}' has no such sensor parameter", remedy, key)
     places: list[tuple[Path, str]] = [(("factor", i, "name"), f["name"]) for i, f in enumerate(factors)]
@@ -112,7 +112,7 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
         if dot and member not in known:
             remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency be a set, as in "L+C".'
             report.add(path, f"'{member}' is no member of a set", remedy, name)
-        elif path[0] == "simulator" and (dot or sets) and find(instruments.table(member), own_name) is None:
+        elif path[0] == "simulator" and (dot or sets) and own_name not in instruments.table(member):
             who = f"the member '{member}' has no" if dot else "no sensor of the set has"
             remedy = _meant(own_name, instruments.table(member), instruments.engine, f"{member}{dot}")
             report.add(path, f"{who} such sensor parameter", remedy, name)
@@ -139,9 +139,6 @@ def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors,
     if parameter is None:
         remedy = _meant(own, instruments.table(member), instruments.engine, f"{member}{dot}")
         report.add((*path, "name"), f"the engine '{instruments.engine}' has no such sensor parameter", remedy, name)
-    elif own != parameter.name:
-        remedy = f"Write '{member}{dot}{parameter.name}'."
-        report.add((*path, "name"), "a factor must have its parameter's name in this file", remedy, name)
     elif dot and own == "frequency":
         remedy = "Let the levels of the factor frequency name its members."
         report.add((*path, "name"), "a member's frequency identifies the member", remedy, name)
@@ -212,7 +209,7 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
             key = last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
             report.add((*path, key), problem.message, problem.remedy, problem.value)
         return None
-    if parameter is not None and parameter.name == name.rpartition(".")[2] and not parameter.why_fixed:
+    if parameter is not None and not parameter.why_fixed:
         if instruments.engine is not None and name == "frequency" and table["levels"] is not None:
             _check_sets(path, table["levels"], instruments, report)
         elif instruments.engine is not None:

@@ -5,20 +5,9 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
@@ -73,33 +62,9 @@ class Table(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
-    LATER: ClassVar[tuple[str, ...]] = ()
-    """Keys that earlier versions did not know."""
-
-    GONE: ClassVar[Mapping[str, tuple[object, str]]] = {}
-    """Keys that earlier versions knew: the default, which may still be written, and what to do about the key."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_gone(cls, data: object) -> object:
-        if not isinstance(data, dict):
-            return data
-        return {key: value for key, value in data.items() if key not in cls.GONE or value != cls.GONE[key][0]}
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        """Without later keys that hold their default, with the defaults of those gone: the hash stays what it was."""
-        fields = type(self).model_fields
-        later = [key for key in self.LATER if key in fields]
-        unused = {key for key in later if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
-        found = {key: value for key, value in serialise(self).items() if key not in unused}
-        return found | {key: default for key, (default, _) in self.GONE.items() if key not in self.LATER}
-
 
 class CampaignTable(Table):
     """``[campaign]``."""
-
-    LATER = ("author", "date")
 
     name: Name
     description: str = ""
@@ -108,8 +73,6 @@ class CampaignTable(Table):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     batch: Annotated[int, Field(ge=1, le=1000)] = 4
     attempts: Annotated[int, Field(ge=1, le=100)] = 3
-
-    GONE = {"criterion": ("optimum", "Remove it: runs are proposed for the optimum, no longer along a path to it.")}
 
 
 class FactorTable(Table):
@@ -164,8 +127,6 @@ class KnowledgeSpec(Table):
     optimum: dict[str, Number | ExpectedOptimum] = Field(default_factory=dict)
     effect: dict[str, Annotated[list[Bound], Field(min_length=2, max_length=2)]] = Field(default_factory=dict)
 
-    LATER = ("effect",)
-
 
 class ApplicationSpec(Table):
     """An application: what the scores measure, and whether they are maximized or minimized.
@@ -201,8 +162,6 @@ class ApplicationSpec(Table):
     catalog: str = ""
     unit: str = ""
     prior: KnowledgeSpec | None = None
-
-    LATER = ("sufficient", "unit")
 
     @model_validator(mode="before")
     @classmethod
@@ -256,8 +215,6 @@ class ConsiderationSpec(Table):
         Values of desirability 0 and 1; None: the worst and the best over the region.
     """
 
-    LATER = ("unit",)
-
     name: Name
     expr: str
     unit: str = ""
@@ -299,12 +256,6 @@ class ModelSpec(Table):
     block_effect: Literal["fixed", "random"] = "fixed"
     discrepancy_sd: PositiveNumber | None = None
 
-    GONE = {
-        "prior": (None, "State what is known as [application.prior]: the range of scores, where the optimum may be."),
-        "region": (None, "Remove it, it is no longer needed: departures from the quadratic are part of the model."),
-        "terms": ("full", "Remove it: the fit has all terms of the order, no longer those that the scores select."),
-    }
-
 
 class SimulatorSpec(Table):
     """The engine, its files (paths from the campaign's folder), tolerance in score units, fixed parameters."""
@@ -317,17 +268,9 @@ class SimulatorSpec(Table):
     fixed: dict[str, Number | str] = Field(default_factory=dict)
     members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
-    LATER = ("common_random_numbers", "members", "known_map")
-    GONE = {
-        "fidelity": ("auto", "Remove it: every run is simulated in full, or as `tolerance` allows."),
-        "common_random_numbers": (None, "Remove it: every run has an occasion and random numbers of its own."),
-    }
-
 
 class CostSpec(Table):
     """Cost of one run from each source, in one ``unit`` of the user's choice."""
-
-    LATER = ("unit",)
 
     unit: str = ""
     simulation: PositiveNumber = 1.0
@@ -350,9 +293,6 @@ class StopSpec(Table):
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     worlds: Literal["count", "ignore"] = "count"
-
-    LATER = ("futility", "worlds")
-    GONE = {"futility": ("tell", "Remove it: every look says whether going on is futile; stopping is up to you.")}
 
 
 class StoreTable(Table):

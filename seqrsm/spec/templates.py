@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import UserError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -48,9 +48,7 @@ def copy_template(name: str, folder: Path) -> None:
         No such template, or the folder exists and is not empty.
     """
     if name not in templates():
-        raise UserError(
-            Problem("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
-        )
+        raise UserError("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
     with new_folder(folder) as part:
         source = template_folder() / name
         shutil.copytree(source, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
@@ -70,7 +68,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
     part, is_new = folder / _PART, not folder.exists()
     unfinished = part.exists() and not (folder / _LAST).exists()
     if not is_new and (not folder.is_dir() or (any(folder.iterdir()) and not unfinished)):
-        raise UserError(Problem("the folder exists and is not empty", "Name a new folder.", file=str(folder)))
+        raise UserError("the folder exists and is not empty", "Name a new folder.", file=str(folder))
     try:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
@@ -81,7 +79,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
             path.replace(folder / path.name)
     except OSError as error:
         raise UserError(
-            Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
+            f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder)
         ) from error
     finally:
         if (folder / _LAST).exists() or set(folder.glob("*")) <= {part}:  # else it marks what is unfinished

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.errors import Problem, SpecError
+from seqrsm.errors import SpecError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
 
@@ -74,7 +74,7 @@ def toml_text(tables: Mapping[str, Any]) -> str:
     for name, given in tables.items():
         for table in given if isinstance(given, list) else [given]:
             if not isinstance(table, Mapping):
-                raise SpecError(Problem(f"[{name}] is a table", "Give a mapping of its keys.", value=table))
+                raise SpecError(f"[{name}] is a table", "Give a mapping of its keys.", value=table)
             head = f"[[{name}]]" if isinstance(given, list) else f"[{name}]"
             parts.append("\n".join([head, *_lines(table)]))
     return "\n\n".join(parts) + "\n"

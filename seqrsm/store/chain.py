@@ -1,7 +1,7 @@
 """What changed behind the program's back: each event carries a hash of itself and of the one before, and tells digests.
 
 The hashes show that an event was changed, lost or put in; the digests that a run or a score is no longer what its
-events say. Events of versions that kept neither are passed over.
+events say.
 """
 
 from __future__ import annotations
@@ -79,26 +79,24 @@ def changes(
         if name := misfit(event):
             yield f"{name} of event {event.event} is {getattr(event, name)!r}"
             return
-        if (before or event.hash) and event.hash != event_hash(before, {**shallow(event), "id": event.event}):
+        if event.hash != event_hash(before, {**shallow(event), "id": event.event}):
             yield f"event {event.event} ({event.kind}) or one before it was changed, lost or put in"
             return
         before = event.hash
-        if event.kind == "look" and before:
+        if event.kind == "look":
             seen[event.detail["look"]] = event.detail["look_digest"]
-        if event.run_id is not None and before:
+        if event.run_id is not None:
             told.setdefault(event.run_id, _Told()).hear(event)
     for look in looks:
-        if misfit(look) or seen.get(look.look, look_digest(look.summary)) != look_digest(look.summary):
+        if misfit(look) or seen.get(look.look) != look_digest(look.summary):
             yield f"look {look.look} is not the one that was recorded"
     for run in runs:
         for record in (run, *run.scores):
             if name := misfit(record):
                 yield f"{name} of run {run.run_id} is {getattr(record, name)!r}"
                 return
-        mine = told.pop(run.run_id, _Told())
-        if mine.run:
-            yield from _changes_of(run, mine, derived)
-    yield from (f"run {run_id} was lost" for run_id, mine in told.items() if mine.run)
+        yield from _changes_of(run, told.pop(run.run_id, _Told()), derived)
+    yield from (f"run {run_id} was lost" for run_id in told)
 
 
 def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:

@@ -1,8 +1,8 @@
-"""Connections to the campaign's database: opening, creating, migrating, and short transactions.
+"""Connections to the campaign's database: opening, creating, and short transactions.
 
 SQLite runs in WAL mode with synchronous FULL, so a score that was acknowledged survives a loss of power; PostgreSQL
 does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row of ``alembic_version``), so that
-the same code is right on both, and none writes into tables that a newer version has changed meanwhile. On a network
+the same code is right on both, and none writes into tables of another version. On a network
 file system, where the hosts cannot share WAL's memory, SQLite keeps a rollback journal. A file that may not be written
 is read as it is.
 """
@@ -17,7 +17,7 @@ import sqlite3
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -28,9 +28,9 @@ import sqlalchemy as sa
 from sqlalchemy import event, exc
 
 from seqrsm import __version__
-from seqrsm.errors import Problem, StoreError
+from seqrsm.errors import StoreError
 from seqrsm.plain import plain
-from seqrsm.store.schema import FIRST, META, METADATA, MIGRATIONS
+from seqrsm.store.schema import META, METADATA, VERSION
 
 BUSY_TIMEOUT_S = 30.0
 RECONNECT_S = 60.0
@@ -61,29 +61,18 @@ class Database:
         Make the tables when there are none; otherwise their absence is an error.
     campaign : str
         Name that a new database gets; an existing one of another name is refused when this is not empty.
-    migrations : mapping of str to sequence of str
-        Statements that make each schema version from the one before, oldest first (replaced in tests only).
 
     Raises
     ------
     StoreError
-        It cannot be opened: missing, read-only, damaged, newer than the program, or another campaign's.
+        It cannot be opened: missing, read-only, damaged, of another version, or another campaign's.
     """
 
-    def __init__(
-        self,
-        location: Path | str,
-        *,
-        create: bool = False,
-        campaign: str = "",
-        migrations: Mapping[str, Sequence[str]] = MIGRATIONS,
-    ) -> None:
+    def __init__(self, location: Path | str, *, create: bool = False, campaign: str = "") -> None:
         self.path = location if isinstance(location, Path) else None
         self.network, self.read_only = "", False
         self._identity: tuple[int, int] | None = None
         self._rescued = ""
-        self._migrations = migrations
-        self._versions = (FIRST, *migrations)
         if self.path is not None:
             _check_path(self.path, create)
             with suppress(OSError):
@@ -118,12 +107,11 @@ class Database:
     def write(self) -> Iterator[sa.Connection]:
         """A transaction that is alone in writing; durable when the block ends, undone when it raises."""
         if self.read_only:
-            raise StoreError(Problem("the database may not be written", _RIGHTS, file=self.label))
+            raise StoreError("the database may not be written", _RIGHTS, file=self.label)
         with _interrupted_later(), self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
-                if (version := _locked(connection)) != self._versions[-1]:
-                    raise self._newer(version)
+                self._check_version(_locked(connection))
                 yield connection
             self._see_file()
 
@@ -163,7 +151,7 @@ class Database:
                 _copy_into(connection, place)
                 self._rescued = f"What it held is in {place}."
         message = "the database is no longer the file that was opened: it was moved, deleted or replaced"
-        raise StoreError(Problem(message, f"Restore it. {self._rescued}".strip(), file=self.label))
+        raise StoreError(message, f"Restore it. {self._rescued}".strip(), file=self.label)
 
     # -- opening --------------------------------------------------------------------------------------------------
 
@@ -177,10 +165,10 @@ class Database:
                 engine = sa.create_engine(url, json_serializer=_to_json, pool_pre_ping=True, connect_args=limits)
             except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
                 message, remedy = "the address of the database is not usable", f'Write url = "{_SERVER}user@host/name".'
-                raise StoreError(Problem(message, remedy, field="[store] url", value=self.label)) from None
+                raise StoreError(message, remedy, field="[store] url", value=self.label) from None
             except ImportError as error:
                 raise StoreError(
-                    Problem(f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
+                    f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"'
                 ) from None
         else:
             query = {"uri": "true"} | ({"mode": "ro", "immutable": "1"} if self.read_only else {"mode": "rw"})
@@ -196,28 +184,25 @@ class Database:
             version = _schema_version(connection)
         if version is None:
             if not create:
-                raise StoreError(
-                    Problem("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
-                )
+                raise StoreError("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
             self._create(campaign)
-        elif version not in self._versions:
-            raise self._newer(version)
-        elif version != self._versions[-1]:
-            self._migrate(version)
+        else:
+            self._check_version(version)
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
         if name is None:
-            raise StoreError(Problem("the database has no campaign name", "Restore it from a copy.", file=self.label))
+            raise StoreError("the database has no campaign name", "Restore it from a copy.", file=self.label)
         if campaign and name != campaign:
             message = f"the database belongs to the campaign '{name}', not '{campaign}'"
             remedy = "Give each campaign a folder or database of its own, or restore the name in campaign.toml."
-            raise StoreError(Problem(message, remedy, file=self.label))
+            raise StoreError(message, remedy, file=self.label)
         self.campaign = name
 
-    def _newer(self, version: str) -> StoreError:
-        known = f"schema {version}, known up to {self._versions[-1]}, program {__version__}"
-        message = f"the database was written by a newer seqrsm than this one ({known})"
-        return StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
+    def _check_version(self, version: str) -> None:
+        if version != VERSION:
+            known = f"schema {version}; seqrsm {__version__} has {VERSION}"
+            message = f"the database was written by another version of seqrsm ({known})"
+            raise StoreError(message, "Use the version that wrote it.", file=self.label)
 
     def _create(self, campaign: str) -> None:
         with self._engine.connect() as connection:
@@ -232,28 +217,9 @@ class Database:
                 rows = {"campaign": campaign, "created_at": utc_now(), "created_version": __version__}
                 connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
                 connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
-                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": self._versions[-1]})
+                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": VERSION})
                 if connection.dialect.name == "sqlite":
                     connection.exec_driver_sql(f"PRAGMA application_id = {_APPLICATION_ID}")
-
-    def _migrate(self, version: str) -> None:
-        if self.path is not None:
-            if self.read_only:
-                message = f"the database has the older schema {version}, and may not be written"
-                raise StoreError(Problem(message, _RIGHTS, file=self.label))
-            with self._engine.connect() as connection:
-                _copy_into(connection, self.path.with_name(f"{self.path.name}.schema-{version}.{_stamp()}.bak"))
-        with self._engine.connect() as connection:
-            connection = connection.execution_options(seqrsm_write=True)
-            with _unchecked_references(connection), connection.begin():
-                # Another process may have migrated while we waited for the lock.
-                if _locked(connection) == version:
-                    types = _TYPES[connection.dialect.name]
-                    for newer in self._versions[self._versions.index(version) + 1 :]:
-                        for statement in self._migrations[newer]:
-                            connection.exec_driver_sql(statement.format_map(types))
-                    connection.execute(sa.update(_VERSION).values(version_num=self._versions[-1]))
-                    _check_references(connection, self.label)
 
     # -- errors ---------------------------------------------------------------------------------------------------
 
@@ -266,27 +232,21 @@ class Database:
             text = str(error.orig if isinstance(error, exc.DBAPIError) else error).partition("\n")[0]
             if isinstance(error, exc.DBAPIError) and error.connection_invalidated:  # a commit's answer may be missing
                 message = f"the connection to the database was lost ({text})"
-                raise StoreError(Problem(message, _LOST, file=self.label)) from error
+                raise StoreError(message, _LOST, file=self.label) from error
             if self.path is not None and (missing := _cut_off(self.path)):
                 message = f"the database is damaged: {missing} bytes are missing at its end ({text})"
-                raise StoreError(Problem(message, _RESTORE, file=self.label)) from error
+                raise StoreError(message, _RESTORE, file=self.label) from error
             for sign, message, remedy in _EXPLANATIONS:
                 if sign in text.lower():
-                    raise StoreError(Problem(f"{message} ({text})", remedy, file=self.label)) from error
+                    raise StoreError(f"{message} ({text})", remedy, file=self.label) from error
             raise StoreError(
-                Problem(f"the database refused ({text})", "Nothing was changed; try again.", file=self.label)
+                f"the database refused ({text})", "Nothing was changed; try again.", file=self.label
             ) from error
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise StoreError(
-                Problem(f"the database holds damaged text ({error})", _RESTORE, file=self.label)
-            ) from error
+            raise StoreError(f"the database holds damaged text ({error})", _RESTORE, file=self.label) from error
 
 
 _VERSION = sa.table("alembic_version", sa.column("version_num"))  # so named when alembic migrated
-_TYPES = {
-    "sqlite": {"key": "INTEGER", "double": "DOUBLE"},
-    "postgresql": {"key": "SERIAL", "double": "DOUBLE PRECISION"},
-}
 _SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
@@ -342,25 +302,23 @@ def _interrupted_later() -> Iterator[None]:
 
 def _check_path(path: Path, create: bool) -> None:
     if path.is_dir():
-        raise StoreError(Problem("a folder stands where the database should be", "Move it.", file=str(path)))
+        raise StoreError("a folder stands where the database should be", "Move it.", file=str(path))
     if not path.parent.is_dir():
-        raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
+        raise StoreError("there is no such folder", _ABSENT_REMEDY, file=str(path.parent))
     if not create and not path.exists():
-        raise StoreError(Problem("there is no database yet", _ABSENT_REMEDY, file=str(path)))
+        raise StoreError("there is no database yet", _ABSENT_REMEDY, file=str(path))
     if create and not path.exists():
         try:
             path.touch()  # an unfinished creation; SQLite makes no files, in the place of one that vanished
         except OSError as error:
             message = f"the database cannot be made ({error.strerror})"
-            raise StoreError(Problem(message, "Check that its folder may be written.", file=str(path))) from None
+            raise StoreError(message, "Check that its folder may be written.", file=str(path)) from None
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
-        raise StoreError(
-            Problem(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
-        )
+        raise StoreError(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
     if not _may_write(path.parent) and _has_log(path) and path.with_name(path.name + "-wal").stat().st_size:
         message = "the database was not closed, and its last changes can only be read where its folder may be written"
-        raise StoreError(Problem(message, "Copy the folder to a place that may be written.", file=str(path)))
+        raise StoreError(message, "Copy the folder to a place that may be written.", file=str(path))
 
 
 def _may_write(path: Path) -> bool:
@@ -438,7 +396,7 @@ def _prepare_sqlite(mode: str, connection: sqlite3.Connection, _record: object) 
     if found.upper() != mode:
         message = f"the file system does not support SQLite's journal {mode} (journal mode '{found}')"
         remedy = f'Keep the campaign on a local disk, or share it by [store] url = "{_SERVER}...".'
-        raise StoreError(Problem(message, remedy))
+        raise StoreError(message, remedy)
 
 
 def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
@@ -453,25 +411,6 @@ def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
             time.sleep(0.01)
 
 
-@contextmanager
-def _unchecked_references(connection: sa.Connection) -> Iterator[None]:
-    """SQLite changes a table by making it anew, while others refer to it; it heeds this switch before a transaction."""
-    raw = connection.connection.driver_connection
-    if not isinstance(raw, sqlite3.Connection):
-        yield
-        return
-    raw.execute("PRAGMA foreign_keys = OFF")
-    try:
-        yield
-    finally:
-        raw.execute("PRAGMA foreign_keys = ON")
-
-
-def _check_references(connection: sa.Connection, label: str) -> None:
-    if connection.dialect.name == "sqlite" and connection.exec_driver_sql("PRAGMA foreign_key_check").first():
-        raise StoreError(Problem("the migration would break references between tables", _RESTORE, file=label))
-
-
 def _begin_sqlite(connection: sa.Connection) -> None:
     write = connection.get_execution_options().get("seqrsm_write", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
@@ -481,7 +420,7 @@ def _schema_version(connection: sa.Connection) -> str | None:
     """Version of the tables; None where there are none."""
     if not sa.inspect(connection).has_table("alembic_version"):
         if sa.inspect(connection).has_table("runs"):
-            raise StoreError(Problem("the database has tables but no schema version", _RESTORE))
+            raise StoreError("the database has tables but no schema version", _RESTORE)
         return None
     return str(connection.execute(sa.select(_VERSION)).scalar())
 

@@ -207,7 +207,7 @@ def unusable(run_id: int, new: NewScore) -> Problem | None:
 
 def _run_row(run: NewRun) -> dict[str, Any]:
     if run.source not in SOURCES:
-        raise StoreError(Problem("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source))
+        raise StoreError("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source)
     told = {"proposed" if name == "settings" else name: value for name, value in shallow(run).items()}
     fresh = {"executed": None, "reason": "", "fault": "", "attempts": 0, "owner": "", "replaces": None}
     return {**plain(told), "cost": float(run.cost), **fresh}

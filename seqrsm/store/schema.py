@@ -1,7 +1,6 @@
 """Tables of the campaign's data base, the same for SQLite and PostgreSQL.
 
-Times are UTC in ISO 8601, as text: they sort, and both data bases keep every digit. A change of these tables needs a
-version at the end of ``MIGRATIONS``; a test compares the two.
+Times are UTC in ISO 8601, as text: they sort, and both data bases keep every digit.
 """
 
 from __future__ import annotations
@@ -132,36 +131,5 @@ FILES = sa.Table(
     sa.Column("ingested_at", sa.String(32), nullable=False),
 )
 
-FIRST = "0001"
-# Each later version of the tables, and what makes it from the one before. Spelt out, not taken from the tables above:
-# a released version must stay what it was. {key} counts rows, {double} is a number, as the database calls them.
-MIGRATIONS: dict[str, tuple[str, ...]] = {
-    # Interpreters' rankings as they were handed in, and when the process that holds a run was last heard of.
-    "0002": (
-        "ALTER TABLE runs ADD COLUMN seen_at VARCHAR(32)",
-        """
-        CREATE TABLE rankings (
-            id {key} NOT NULL,
-            ranking INTEGER NOT NULL,
-            run_id INTEGER NOT NULL,
-            application VARCHAR(128) NOT NULL,
-            interpreter TEXT NOT NULL,
-            session TEXT NOT NULL,
-            rank {double} NOT NULL,
-            metadata JSON NOT NULL,
-            source_file TEXT NOT NULL,
-            source_row INTEGER,
-            reason TEXT NOT NULL,
-            ranked_at VARCHAR(32) NOT NULL,
-            CONSTRAINT pk_rankings PRIMARY KEY (id),
-            CONSTRAINT uq_rankings_ranking UNIQUE (ranking, run_id),
-            CONSTRAINT fk_rankings_run_id FOREIGN KEY(run_id) REFERENCES runs (id)
-        )
-        """,
-    ),
-    # Where a failure lies, and a hash of each event and those before it; older failures and events have none.
-    "0003": (
-        "ALTER TABLE runs ADD COLUMN fault VARCHAR(16) DEFAULT '' NOT NULL",
-        "ALTER TABLE events ADD COLUMN hash VARCHAR(64) DEFAULT '' NOT NULL",
-    ),
-}
+VERSION = "0003"
+"""Of the tables above: to be raised with any change of them."""

@@ -19,7 +19,6 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -42,7 +41,7 @@ from seqrsm.store.records import (
     RankingRecord,
     RunRecord,
 )
-from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RANKINGS, RUNS, SCORES, STATES
+from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
 from seqrsm.store.take_in import DERIVED, ingest_files, rescore_without, stored_rankings, void_ranking
 
 STORE_NAME = "campaign.db"
@@ -162,7 +161,7 @@ class Store:
                 message = (
                     f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
                 )
-                raise StoreError(Problem(message, "Raise [stop] max_runs.", field="max_runs", value=budget))
+                raise StoreError(message, "Raise [stop] max_runs.", field="max_runs", value=budget)
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
 
     def issue(self, run_ids: Iterable[int]) -> None:
@@ -341,50 +340,6 @@ class Store:
         with self._write() as ledger:
             void_ranking(ledger, ranking, why)
 
-    def restore(
-        self,
-        meta: Mapping[str, str],
-        runs: Sequence[RunRecord],
-        looks: Sequence[LookRecord],
-        events: Sequence[EventRecord],
-        files: Sequence[FileRecord],
-        rankings: Sequence[RankingRecord],
-    ) -> None:
-        """Put the records of an export into this store, which must be empty, exactly as they are: no event tells of it.
-
-        Raises
-        ------
-        StoreError
-            It holds runs already, or the records contradict each other; nothing was changed.
-        """
-        rows: dict[sa.Table, list[dict[str, Any]]] = {
-            # A replacement comes after what it replaces.
-            RUNS: [_renamed(run, run_id="id", scores=None) for run in sorted(runs, key=lambda run: run.run_id)],
-            SCORES: [asdict(score) for run in runs for score in run.scores],
-            LOOKS: [_renamed(look, look="id") for look in looks],
-            EVENTS: [_renamed(event, event="id") for event in events],
-            FILES: [asdict(file) for file in files],
-            RANKINGS: [asdict(rank) for rank in rankings],
-        }
-        with self._write() as ledger:
-            connection = ledger.connection
-            if any(connection.execute(sa.select(table.c.id).limit(1)).first() for table in (RUNS, EVENTS)):
-                message = "the database holds a campaign already"
-                raise StoreError(Problem(message, "Give this one a database of its own."))
-            for key, value in meta.items():
-                connection.execute(sa.update(META).where(META.c.key == key).values(value=value))
-            try:
-                for table, values in rows.items():
-                    for start in range(0, len(values), _CHUNK):
-                        connection.execute(sa.insert(table), values[start : start + _CHUNK])
-            except sa.exc.IntegrityError as error:
-                raise StoreError(Problem(f"the records of the export contradict each other ({error.orig})")) from error
-            for table in rows if connection.dialect.name == "postgresql" else ():
-                if table is not RUNS:
-                    top = sa.select(sa.func.coalesce(sa.func.max(table.c.id), 0) + 1).scalar_subquery()
-                    name = sa.func.pg_get_serial_sequence(table.name, "id")
-                    connection.execute(sa.select(sa.func.setval(name, top, False)))
-
     # -- looks and events -----------------------------------------------------------------------------------------
 
     def record_look(self, after_run: int, application: str, summary: Mapping[str, Any]) -> int:
@@ -431,7 +386,7 @@ class Store:
         if states is not None:
             wanted = (states,) if isinstance(states, str) else tuple(states)
             if unknown := set(wanted) - set(STATES):
-                raise StoreError(Problem("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown)))
+                raise StoreError("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown))
             conditions.append(RUNS.c.state.in_(wanted))
         if source is not None:
             conditions.append(RUNS.c.source == source)
@@ -523,18 +478,9 @@ class Store:
             raise OvertakenError
 
 
-_CHUNK = 500
-
-
-def _renamed(record: Any, **names: str | None) -> dict[str, Any]:
-    """Columns of a record; some under another name, some (None) left out."""
-    columns = ((names.get(key, key), value) for key, value in asdict(record).items())
-    return {name: value for name, value in columns if name is not None}
-
-
 def _need_reason(why: str) -> None:
     if not why.strip():
-        raise StoreError(Problem("voiding needs a reason", 'Give one: --why "..."', field="why"))
+        raise StoreError("voiding needs a reason", 'Give one: --why "..."', field="why")
 
 
 def _this_process() -> str:

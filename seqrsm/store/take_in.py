@@ -252,11 +252,9 @@ def void_ranking(ledger: Ledger, ranking: int, why: str) -> None:
     query = sa.select(RANKINGS.c.application, RANKINGS.c.reason).where(RANKINGS.c.ranking == ranking)
     row = ledger.connection.execute(query.limit(1)).first()
     if row is None:
-        raise StoreError(
-            Problem("there is no such ranking", "`seqrsm export` lists them.", field="ranking", value=ranking)
-        )
+        raise StoreError("there is no such ranking", "`seqrsm export` lists them.", field="ranking", value=ranking)
     if row.reason:
-        raise StoreError(Problem(f"ranking {ranking} is already void: {row.reason}", field="ranking", value=ranking))
+        raise StoreError(f"ranking {ranking} is already void: {row.reason}", field="ranking", value=ranking)
     ledger.connection.execute(sa.update(RANKINGS).where(RANKINGS.c.ranking == ranking).values(reason=why))
     ledger.log("void ranking", [(None, {"ranking": ranking, "reason": why})])
     score_rankings(ledger, row.application)

@@ -40,7 +40,7 @@ def tasks(seeds: int) -> Iterator[tuple[int, str, int, str, int, float]]:
     """(k, levels, N, criterion, seed, best known value) of every search."""
     with (DATA / "optimal_designs.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    for criterion, column in (("D", "D_best"), ("I", "N_I_best"), ("G", "G_eff_best_pct")):
+    for criterion, column in (("D", "D_best"), ("I", "N_I_best")):
         for row in rows:
             if row[column]:
                 for seed in range(seeds):
@@ -54,30 +54,26 @@ def search(k: int, levels: str, n: int, criterion: str, seed: int) -> tuple[floa
     began = time.process_time()
     design = optimal_design(model, region, n, criterion, seed=seed)
     seconds = time.process_time() - began
-    value = {"D": design.value, "I": n * design.value, "G": 100.0 * model.p / (n * design.value)}[criterion]
-    return value, seconds, design.hits, design.starts
+    return design.value if criterion == "D" else n * design.value, seconds, design.hits, design.starts
 
 
 def shortfall(row: dict[str, str]) -> float:
-    """By how much a design misses the best known: a share (D, I) or percentage points (G); < 0: better."""
+    """By how much a design misses the best known, as a share of it; < 0: better."""
     known, reached = float(row["known"]), float(row["reached"])
-    return {"D": 1.0 - reached / known, "I": reached / known - 1.0, "G": known - reached}[row["criterion"]]
+    return 1.0 - reached / known if row["criterion"] == "D" else reached / known - 1.0
 
 
 def limit(row: dict[str, str]) -> float:
     """What the project allows."""
-    few = int(row["k"]) <= 3
-    return {"D": 0.005 if few else 0.02, "I": 0.005 if few else 0.02, "G": 1.0 if few else 2.0}[row["criterion"]]
+    return 0.005 if int(row["k"]) <= 3 else 0.02
 
 
 HEAD = """# Optimal designs against the best known
 
 `OPENBLAS_NUM_THREADS=1 python tests/benchmarks/bench_design.py` makes this page: every row of
 `tests/reference/data/optimal_designs.csv`, for each criterion with a value, with the defaults of `optimal_design`.
-A row counts as reached if the *worst* of its seeds is within the limit. Shortfall: D and I as a share of the best
-known value, G in points of efficiency; negative is better than the best known. For G with k >= 4 the table has for most
-N only a lower bound (the G-efficiency of a design that was sought by another criterion). Times are CPU seconds of
-one search on one core; other load made them somewhat too long.
+A row counts as reached if the *worst* of its seeds is within the limit. Shortfall: as a share of the best known value;
+negative is better than that. Times are CPU seconds of one search on one core; other load made them somewhat too long.
 
 | designs | k | rows | limit | reached | worst shortfall | median CPU s | longest | asked |
 |---|---|---|---|---|---|---|---|---|
@@ -136,7 +132,7 @@ def mixed_start() -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--factors", type=int, nargs="*", default=[1, 2, 3, 4, 5, 6])
-    parser.add_argument("--criteria", nargs="*", default=["D", "I", "G"])
+    parser.add_argument("--criteria", nargs="*", default=["D", "I"])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("reports/designs"))
     given = parser.parse_args()

@@ -262,7 +262,7 @@ def longest_path(s: Scene, r: RadarConfiguration) -> float:
     paths = {1: math.inf, 2: math.inf}
     with contextlib.ExitStack() as stack:
         for module in (echo, psm):
-            stack.enter_context(mock.patch.object(module, "in_threads", one_after_the_other))
+            stack.enter_context(mock.patch.object(module, "do_all", one_after_the_other))
         for threads in (1, 2) * 6:
             saved, start = 0.0, time.thread_time()
             chain(s, r, threads)

@@ -141,7 +141,6 @@ REFUSED = {
     "levels of a number": ("altitude_m", 'levels = ["low", "high"]', ["altitude_m'", "low and high", "1 to 2e+06 m"]),
     "beyond the limit": ("altitude_m", "low = 3000.0\nhigh = 3e6", ["altitude_m': high", "3000000.0", "1 to 2e+06 m"]),
     "fixed, too": ("peak_power", "low = 10.0\nhigh = 90.0", ["fixed.peak_power", "both a factor and fixed"]),
-    "fixed by its field": ("looks", "low = 1.0\nhigh = 9.0", ["fixed.depression_angle_deg", "'depression_angle'"]),
     "a file": ("targets_file", 'levels = ["a.csv", "b.csv"]', ["targets_file': name", "cannot be a factor", "repeats"]),
     "between whole numbers": ("adc_bits", "low = 2.0\nhigh = 8.0", ["adc_bits'", "given by values", "0 to 32"]),
     "half a bit": ("adc_bits", "values = [2, 2.5]", ["adc_bits': values no. 2", "2.5", "whole number"]),
@@ -154,11 +153,6 @@ def test_bad_factors_are_refused_with_what_would_be_right(tmp_path, tiny_scene, 
     factor, text, words = REFUSED[name]
     factors = {**FACTORS, factor: text}
     fixed = FIXED
-    if name == "fixed by its field":
-        factors["depression_angle"] = "low = 30.0\nhigh = 60.0"
-        fixed = {key: value for key, value in FIXED.items() if key != "depression_angle"} | {
-            "depression_angle_deg": "45.0"
-        }
     folder = make_tiny(tmp_path / "bad", tiny_scene, campaign(factors, fixed))
     for command in ("check", "run"):
         result = seqrsm(command, folder)
@@ -181,14 +175,14 @@ def test_levels_that_contradict_each_other_are_refused_with_the_settings(tmp_pat
     assert "season = winter" not in said
 
 
-def test_a_fixed_value_that_cannot_be_is_found_by_either_name(tmp_path, tiny_scene):
-    fixed = {key: value for key, value in FIXED.items() if key != "peak_power"} | {"peak_power_w": "-1.0"}
+def test_a_fixed_value_that_cannot_be_is_told_with_its_line(tmp_path, tiny_scene):
+    fixed = {**FIXED, "peak_power": "-1.0"}
     folder = make_tiny(tmp_path / "field", tiny_scene, campaign(FACTORS, fixed))
-    line = (folder / "campaign.toml").read_text(encoding="utf-8").split("\n").index("peak_power_w = -1.0") + 1
+    line = (folder / "campaign.toml").read_text(encoding="utf-8").split("\n").index("peak_power = -1.0") + 1
     result = seqrsm("check", folder)
     assert result.exit_code == 2
     said = " ".join(result.stderr.split())
-    for word in (f"campaign.toml:{line}", "[simulator.fixed] peak_power_w", "-1.0", "1e-06 to 1e+09 W"):
+    for word in (f"campaign.toml:{line}", "[simulator.fixed] peak_power", "-1.0", "1e-06 to 1e+09 W"):
         assert word in said, said
 
 

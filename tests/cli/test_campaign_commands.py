@@ -329,25 +329,6 @@ def test_export_csv_holds_every_run(copy, tmp_path) -> None:
         assert len(list(csv.DictReader(stream))) == len(scores(copy))
 
 
-def test_status_of_a_folder_of_campaigns(copy, tmp_path) -> None:
-    alone = json.loads(ok("status", copy, "--json"))
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "campaign.toml").write_text("x = ", encoding="utf-8")
-    (tmp_path / "no campaign").mkdir()
-    broken, one = json.loads(ok("status", tmp_path, "--json"))["campaigns"]
-    assert one == {"folder": "copy", **alone}
-    assert broken["folder"] == "broken"
-    assert "campaign.toml:1" in broken["error"]
-    text = ok("status", tmp_path)
-    assert "copy" in text
-    assert "broken: " in text
-    refused = seqrsm("status", tmp_path, "--history")
-    assert (refused.exit_code, "a single campaign" in refused.stderr) == (2, True)
-    assert seqrsm("status", tmp_path / "no campaign").exit_code == 2
-    shutil.copytree(tmp_path / "broken", copy / "older try")  # a campaign stays one whatever lies in its folder
-    assert json.loads(ok("status", copy, "--json")) == alone
-
-
 def test_rehearse_gives_coverage(copy) -> None:
     found = json.loads(ok("rehearse", copy, "--campaigns", 10, "--json"))
     numbers = found["numbers"]

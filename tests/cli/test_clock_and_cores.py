@@ -52,15 +52,6 @@ def test_a_clock_that_jumps_back_and_forth_changes_no_result(tmp_path, tiny_scen
     assert scores(folder) == undisturbed
     told = CliRunner().invoke(app, ["status", str(folder), "--history"])  # verifies the chain of events
     assert told.exit_code == 0
-    again = CliRunner().invoke(app, ["init", "--from", exported(folder), str(tmp_path / "copy")])
-    assert again.exit_code == 0, again.output
-    assert scores(tmp_path / "copy") == undisturbed
-
-
-def exported(folder: Path) -> str:
-    out = folder.parent / "all.json"
-    assert CliRunner().invoke(app, ["export", str(folder), str(out)]).exit_code == 0
-    return str(out)
 
 
 def test_a_run_whose_lease_seems_over_is_scored_once(tmp_path, tiny_scene, monkeypatch) -> None:

@@ -13,7 +13,6 @@ from typer.testing import CliRunner, Result
 from seqrsm import __version__
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.experiment import EXPERIMENT, experiment_of, see_experiment
-from seqrsm.campaign.export import spec_files
 from seqrsm.campaign.simulation import carry_out, files_of, scene_at, task_of
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
@@ -171,7 +170,6 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     assert np.all(floors[:, 0] == floors[:, 1])
     assert np.ptp(floors) > 0.0
     assert str(folder / "old.csv") in files_of(task)
-    assert folder / "old.csv" in spec_files(spec)
     assert run(folder, "--max-runs", "14").exit_code in (0, 3)
     changed(folder, "old.csv", ",90", ",many")
     wrong = RUNNER.invoke(app, ["check", str(folder)])

@@ -225,20 +225,14 @@ def test_a_file_of_cultural_targets(campaign):
     refused(folder, "targets.csv")
 
 
-def test_an_antenna_pattern_from_a_file(campaign):
-    folder = campaign(QUIET + 'elevation_pattern = "table"\npattern_file = "beam.csv"\n')
-    (folder / "beam.csv").write_text("look_deg,gain_db\n0,-6\n44,-6\n44.5,0\n90,0\n")
-    beam = arrays(folder)["mean_power_w"][0].mean(axis=1)
+def test_an_antenna_pattern_by_its_points(campaign):
+    pattern = 'elevation_pattern = "table"\npattern_table = "{}"\n'
+    beam = arrays(campaign(QUIET + pattern.format("0:-6, 44:-6, 44.5:0, 90:0")))["mean_power_w"][0].mean(axis=1)
     plain = arrays(campaign(QUIET))["mean_power_w"][0].mean(axis=1)
     change = 10.0 * np.log10(beam / plain)
     assert change[:3] == pytest.approx(-12.0, abs=0.6)
     assert change[-3:] == pytest.approx(0.0, abs=0.01)
-    folder = campaign(QUIET + 'elevation_pattern = "table"\npattern_file = "beam.csv"\n')
-    for text, word in (("look,gain\n0,0\n", "look_deg"), ("look_deg,gain_db\n9,0\n3,0\n", "rising"), ("", "look_deg")):
-        (folder / "beam.csv").write_text(text)
-        refused(folder, word)
-    (folder / "beam.csv").unlink()
-    refused(folder, "beam.csv")
+    refused(campaign(QUIET + pattern.format("9:0, 3:0")), "rising")
 
 
 def test_masks_are_products(campaign, tmp_path):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_any_factor import HEAD, RADIOMETER_FIXED, SMALL, TAIL, campaign, seqrsm, told
+from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
 from seqrsm.campaign.rests_on import crop_calendar
@@ -105,26 +105,6 @@ def test_the_calendar_is_what_is_simulated(folder) -> None:
         for day in (45, 120, 250):
             looked = table.lookup(("Grass",), frequency, channel, day=day).sigma0[0, 40]
             assert row[0, day - 1] == pytest.approx(10.0 * np.log10(looked), abs=1e-6)
-
-
-def test_a_utility_of_one_image_is_refused_before_any_run(tmp_path, tiny_scene) -> None:
-    passive = campaign({"altitude_m": 'unit = "m"\nlow = 500.0\nhigh = 900.0'}, RADIOMETER_FIXED, "prm")
-    passive = passive.replace('utility = "percent_correct"', 'utility = "water_fraction_error"').replace(
-        'goal = "maximize"\n', ""
-    )
-    once = make_tiny(tmp_path / "once", tiny_scene, passive)
-    assert "scores one image" not in seqrsm("check", once).stderr  # what it says is that there is no water
-    twice = passive.replace("[simulator.fixed]\n", "[simulator.fixed]\nfirst_day = 120.0\ndates = 2\n")
-    often = passive.replace("[simulator.fixed]\n", "[simulator.fixed]\nfirst_day = 120.0\n").replace(
-        "[[application]]", '[[factor]]\nname = "dates"\nvalues = [1, 2]\n\n[[application]]'
-    )
-    for name, text in (
-        ("twice", twice),
-        ("often", often),
-    ):  # in the middle of the latter there are two dates, at an end one
-        found = seqrsm("check", make_tiny(tmp_path / name, tiny_scene, text))
-        assert found.exit_code == 2
-        assert "scores one image, but there are several" in " ".join(found.stderr.split())
 
 
 def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:

@@ -60,13 +60,6 @@ def test_a_tolerance_below_every_difference_keeps_the_data_base(tmp_path: Path, 
     assert {run.scores[0].metadata["fidelity"]["averaged"] for run in runs} == {1}
 
 
-def test_a_key_of_earlier_versions_is_refused_with_what_to_do(tmp_path: Path, tiny_scene: Path) -> None:
-    text = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\nfidelity = "F4"')
-    code, _, err = call("check", make_tiny(tmp_path / "old", tiny_scene, text))
-    assert code == 2
-    assert "Remove it" in err
-
-
 def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scene: Path) -> None:
     tiny = make_tiny(tmp_path / "wide", tiny_scene, WIDE)
     arguments = ("tradeoff", tiny, "--configurations", 3, "--occasions", 2, "--json")

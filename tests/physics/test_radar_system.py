@@ -14,11 +14,12 @@ from seqrsm.sensor.antenna import atmosphere_factor, elevation_gain
 from seqrsm.sensor.earth import ground_range_of_look, horizon_ground_range_m, range_geometry, slant_range_of_ground
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import echo_grid, echo_sums, in_threads
+from seqrsm.simulate.radar.echo import echo_grid, echo_sums
 from seqrsm.simulate.radar.fading import correlated_fading
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 from seqrsm.simulate.radar.targets import CulturalTarget
+from seqrsm.simulate.runner import do_all
 
 RE = 6_371_008.8
 
@@ -374,8 +375,8 @@ def test_what_fails_in_a_thread_is_told_to_the_caller():
         done.append(k)
 
     with pytest.raises(ValueError, match="third"):
-        in_threads(work, 8, 4)
-    in_threads(done.append, 100, 7)
+        do_all(work, 8, 4)
+    do_all(done.append, 100, 7)
     assert sorted(done[-100:]) == list(range(100))
 
 

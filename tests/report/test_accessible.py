@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from devtools import BROWSER, Page, tab
 
-from seqrsm.cli.app import app
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 
@@ -52,20 +51,6 @@ def test_nothing_is_found_on_a_report(name, widths, request, page, tmp_path):
     file.write_text(render_html(build_report(request.getfixturevalue(name))), encoding="utf-8")
     for width in widths:
         assert findings(page, file, width, dark=width == WIDTHS[1]) == []
-
-
-def test_nothing_is_found_on_the_page_of_a_plan(page, tmp_path):
-    from typer.testing import CliRunner
-
-    for name in ("flevoland", "scored"):
-        folder, file = tmp_path / name, tmp_path / f"{name}.html"
-        assert CliRunner().invoke(app, ["init", str(folder), "--template", "flevoland"]).exit_code == 0
-        if name == "scored":  # with sliders through the fitted surface
-            done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "flight_scores.csv")])
-            assert done.exit_code == 0, done.output
-        assert CliRunner().invoke(app, ["plan", str(folder), "--out", str(file)]).exit_code == 0
-        for width in WIDTHS:
-            assert findings(page, file, width, dark=width == WIDTHS[1]) == []
 
 
 def test_what_is_wrong_is_found(flight, page, tmp_path):

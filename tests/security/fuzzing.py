@@ -6,7 +6,6 @@ a file outside its folder, start a process, or open a connection.
 
 from __future__ import annotations
 
-import copy
 import io
 import json
 import os
@@ -23,11 +22,8 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-import pytest
 import tifffile
 
-from seqrsm.campaign.rebuild import rebuild
-from seqrsm.campaign.status import campaign_status
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
@@ -294,40 +290,6 @@ def spoil_lines(data: bytes, rng: random.Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-def spoil_document(data: bytes, rng: random.Random) -> bytes:
-    """A JSON document with values lost, doubled, replaced by others or by one another; or spoilt as any text."""
-    if rng.random() < 0.3:
-        return spoil_text("json")(data, rng)
-    tree = json.loads(data)
-    if rng.random() < 0.5:  # of a version that kept no hashes, which tell of every change
-        for event in tree["events"]:
-            event["hash"] = ""
-    for _ in range(rng.choice((1, 1, 2, 3))):
-        places = [(holder, key) for holder in _holders(tree) for key in _keys(holder)]
-        (holder, key), (other, its) = rng.choice(places), rng.choice(places)
-        kind = rng.randrange(5)
-        if kind == 0:
-            del holder[key]
-        elif kind == 1 and isinstance(holder, list):
-            holder.insert(key, copy.deepcopy(holder[key]))
-        elif kind == 2:
-            holder[key] = copy.deepcopy(other[its])
-        else:
-            holder[key] = copy.deepcopy(rng.choice(ODD))
-    return json.dumps(tree).encode()
-
-
-def _holders(tree: Any) -> Iterator[Any]:
-    if isinstance(tree, dict | list):
-        yield tree
-        for key in _keys(tree):
-            yield from _holders(tree[key])
-
-
-def _keys(holder: Any) -> list[Any]:
-    return list(holder) if isinstance(holder, dict) else list(range(len(holder)))
-
-
 def spoil_tiff(data: bytes, rng: random.Random) -> bytes:
     """Tags with other codes, types, counts, places and values; or spoilt bytes."""
     if rng.random() < 0.3:
@@ -443,33 +405,6 @@ def _tiff_bytes(compression: str | None) -> bytes:
     return made.getvalue()
 
 
-def _export_bytes(folder: Path) -> bytes:
-    from seqrsm.campaign.export import export
-    from seqrsm.campaign.ingest import ingest_files
-    from seqrsm.store.store import Store
-
-    place = folder / "campaign"
-    place.mkdir()
-    text = '[campaign]\nname = "f"\n[[factor]]\nname = "x"\nlow = -1\nhigh = 1\n[[application]]\nname = "a"\n'
-    (place / "campaign.toml").write_text(text + 'utility = "measured"\n[stop]\nhalf_width = 1\n')
-    (place / "s.csv").write_text("x,score\n0,1\n0.5,2\n")
-    spec = load_spec(place)
-    with Store.open(place, create=True, campaign="f") as store:
-        ingest_files(store, spec, [place / "s.csv"])
-        export(store, spec, place / "all.json")
-    return (place / "all.json").read_bytes()
-
-
-def _rebuild(data: bytes, folder: Path) -> object:
-    import shutil
-
-    shutil.rmtree(folder / "made", ignore_errors=True)
-    rebuild(_file(data, folder, "all.json"), folder / "made")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(folder))  # a fit is kept there
-        return campaign_status(folder / "made")
-
-
 def targets(folder: Path) -> dict[str, Target]:
     """Every reader of files that users hand in; ``folder`` is for the making of seeds."""
     text = spoil_text
@@ -492,7 +427,6 @@ def targets(folder: Path) -> dict[str, Target]:
         ),
         Target("legend", (LEGEND.encode(),), text("csv"), lambda data, at: read_legend(_file(data, at, "legend.csv"))),
         Target("sigma0", (SIGMA0.encode(),), text("csv"), lambda data, at: load_sigma0_table(_file(data, at, "s.csv"))),
-        Target("export", (_export_bytes(folder),), spoil_document, _rebuild),
     )
     return {target.name: target for target in made}
 

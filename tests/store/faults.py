@@ -35,7 +35,6 @@ from sqlalchemy.engine.default import DefaultDialect
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.export import export
 from seqrsm.cli.app import app
 from seqrsm.errors import StoreError
 from seqrsm.store import database
@@ -179,13 +178,6 @@ def _scored(folder: Path, url: str | None) -> None:
     (folder / "s.csv").write_text("x,score\n" + "".join(f"{k / 10},{k}\n" for k in range(2)), encoding="utf-8")
 
 
-def _exported(folder: Path, url: str | None) -> None:
-    _scored(folder, url)
-    campaign = Campaign.open(folder / "c")
-    export(campaign.store, campaign.spec, folder / "all.json")
-    campaign.store.close()
-
-
 def _state(run: int, state: str) -> Callable[[Path], bool]:
     return lambda folder: found(folder / "c")[0][run - 1][3] == state
 
@@ -210,10 +202,10 @@ CASES = {
         _scored, lambda f: ["void", f / "c", 3, "--why", "clouds"], _state(3, "void"), lambda f: found(f / "c")
     ),
     "init": Case(
-        _exported,
-        lambda f: ["init", "--from", f / "all.json", f / "new"],
+        lambda folder, url: None,
+        lambda f: ["init", f / "new", "--template", "flevoland"],
         lambda f: (f / "new" / "campaign.toml").exists(),
-        lambda f: found(f / "new"),
+        _content("new/campaign.toml"),
     ),
     "export": Case(
         _scored, lambda f: ["export", f / "c", f / "all.csv"], lambda f: False, _content("all.csv")
@@ -226,7 +218,7 @@ CASES = {
 }  # fmt: skip
 
 
-SERVER_CASES = tuple(name for name in CASES if name != "init")  # a copy's data base lies in its folder
+SERVER_CASES = tuple(name for name in CASES if name != "init")  # it makes no data base
 
 
 def prepared(name: str, folder: Path, url: str | None = None) -> None:

@@ -14,7 +14,6 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import synthetic_scene
-from seqrsm.score.classification import classify, classify_by_forest
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, percent_correct, score_cover, score_evidence
 from seqrsm.score.evidence import WINDOW, Evidence, _lee, evidence_of, pixels_of
 from seqrsm.score.utilities import Asked, asked_for
@@ -263,28 +262,8 @@ def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:
     assert (score.guess, score.perfect) == (5.0, 100.0)
 
 
-def test_a_forest_names_as_well_as_the_true_law() -> None:
-    rng = np.random.default_rng(0)
-    n = 6000
-    truth = rng.integers(0, 2, n)
-    x = rng.normal(0.0, 1.0, (2, n)) + 2.0 * truth
-    counts = np.stack([1 - truth, truth], axis=1)
-    evidence = Evidence(x, counts, np.arange(n) // 50, rng.random(n // 50), 0, counts)
-    forest, gauss = (float(np.trace(f(evidence).confusion.sum(axis=0))) / n for f in (classify_by_forest, classify))
-    assert gauss == pytest.approx(0.921, abs=0.012)  # Phi(sqrt(2))
-    assert gauss - 0.05 < forest <= gauss + 0.005
-    # Both test all ground, once.
-    assert classify_by_forest(evidence).confusion.sum() == n
-    # A ring round a core is no Gaussian's: the forest tells them.
-    ring = np.where(truth, 3.0, 0.0) * np.stack([np.cos(6.3 * rng.random(n)), np.zeros(n)])
-    turn = 6.2832 * rng.random(n)
-    ring = np.where(truth, 3.0, 0.0) * np.stack([np.cos(turn), np.sin(turn)]) + rng.normal(0.0, 0.5, (2, n))
-    round_it = replace(evidence, features=ring)
-    assert np.trace(classify_by_forest(round_it).confusion.sum(axis=0)) > 0.97 * n
-
-
-def test_words_choose_cover_unit_and_classifier() -> None:
-    whole = score_cover([IMAGE], SCENE, asked_for("f1 of Wheat by field with random_forest"), **KEY)
+def test_words_choose_cover_and_unit() -> None:
+    whole = score_cover([IMAGE], SCENE, asked_for("f1 of Wheat by field"), **KEY)
     assert 0.0 < whole.value <= 100.0
     assert whole.details["named_by"] == "field"
     with pytest.raises(SceneError, match="no such cover"):

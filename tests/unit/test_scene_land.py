@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 
 from seqrsm.errors import SceneError
 from seqrsm.scene.fields import _mix, connected_patches, draw_index, hash_uniform, voronoi_labels
-from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.scene.terrain import fractal_terrain, rms_slope, slopes
@@ -106,16 +105,6 @@ def test_synthetic_scene() -> None:
     assert found.median_field_m2 == pytest.approx(1e4, rel=0.4)
     assert found.category_fractions["Wheat"] == pytest.approx(0.5, abs=0.15)
     assert found.scored_fraction == 1.0
-
-
-def test_boundary_density_of_a_checkerboard() -> None:
-    """Squares of side a have 2/a of boundary to an area; the isotropic rule counts pi/4 of a grid-aligned one."""
-    board = (np.add.outer(np.arange(100) // 10, np.arange(100) // 10) % 2).astype(np.uint8)
-    scene = Scene(
-        np.zeros((100, 100), np.float32), board, ("A", "B"), connected_patches(board), np.ones((100, 100), bool), 2.0
-    )
-    inner = 2.0 * 9 * 200.0 / 200.0**2
-    assert scene_statistics(scene).boundary_density_1_m == pytest.approx(np.pi / 4 * inner)
 
 
 def test_bad_synthetic_scenes() -> None:

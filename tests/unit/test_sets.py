@@ -22,7 +22,7 @@ def test_a_single_sensor_is_what_it_was() -> None:
     assert (alone.member, alone.visit.days, alone.sensor.frequency_ghz, alone.label) == ("", (), 5.4, "")
     (by_letter,) = made({"frequency": "C", "resolution": 20.0})
     assert by_letter.sensor == alone.sensor
-    (held,) = made({"resolution": 20.0}, frequency_ghz="C")
+    (held,) = made({"resolution": 20.0}, frequency="C")
     assert held.sensor == alone.sensor
 
 

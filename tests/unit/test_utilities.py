@@ -7,7 +7,7 @@ import re
 import pytest
 from pydantic import ValidationError
 
-from seqrsm.campaign.engines import ENGINES, check_utility
+from seqrsm.campaign.engines import check_utility
 from seqrsm.errors import SpecError
 from seqrsm.own_code import own_function
 from seqrsm.score.cover import ends_of
@@ -21,8 +21,6 @@ SCORED = [name for name, row in UTILITIES.items() if row.function]
 def test_every_row_names_a_function_and_engines_that_are(name: str) -> None:
     row = UTILITIES[name]
     assert callable(own_function(row.function))
-    assert row.engines
-    assert set(row.engines) <= set(ENGINES)
     if row.classifies:
         ends_of(__import__("numpy").array([3, 1]), name, [0])
 
@@ -31,11 +29,11 @@ def test_every_row_names_a_function_and_engines_that_are(name: str) -> None:
 def test_the_specification_knows_goal_and_unit_by_the_row(name: str) -> None:
     covers = " of Corn" if name in UTILITIES and UTILITIES[name].of_covers else ""
     application = ApplicationSpec.model_validate({"name": "a", "utility": name + covers})
-    is_error = name in ("soil_moisture_error", "water_fraction_error", "area_error")
+    is_error = name in ("soil_moisture_error", "area_error")
     assert (application.is_error, application.goal) == (is_error, "minimize" if is_error else "maximize")
     bounded = ("percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection")
     assert application.is_percent == (name in bounded)
-    assert (application.score_unit == "percent") == (name in (*bounded, "area_error", "water_fraction_error"))
+    assert (application.score_unit == "percent") == (name in (*bounded, "area_error"))
 
 
 def test_a_utility_is_asked_for_in_words() -> None:
@@ -62,12 +60,8 @@ def test_what_is_wrong_with_the_words_is_told(text: str, told: str) -> None:
 
 
 def test_a_utility_that_the_images_cannot_be_scored_by_is_refused() -> None:
-    with pytest.raises(SpecError, match="this engine cannot score"):
-        check_utility("water_fraction_error", {"psm"}, several=False)
-    with pytest.raises(SpecError, match="scores one image, but there are several"):
-        check_utility("water_fraction_error", {"prm"}, several=True)
-    with pytest.raises(SpecError, match="this engine cannot score"):
-        check_utility("measured", {"psm"}, several=False)
+    with pytest.raises(SpecError, match="images cannot be scored"):
+        check_utility("measured")
     for name in SCORED:
         covers = " of Corn" if UTILITIES[name].of_covers else ""
-        check_utility(name + covers, UTILITIES[name].engines, several=UTILITIES[name].several)
+        check_utility(name + covers)

@@ -7,8 +7,7 @@ else. Where each cell of the scene falls in the image, and what becomes of it, i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -23,30 +22,12 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.simulate.runner import do_all
 from seqrsm.units import LN10_OVER_10, db_to_linear
 
 LUT_STEPS: Final = 1024
 """Steps of the table of sigma0 in sin(theta/2): 0.08 to 0.11 deg each, with straight lines between: 0.0001 dB where
 sigma0 falls by 0.5 dB a degree."""
-
-
-def in_threads(do: Callable[[int], None], n: int, threads: int) -> None:
-    """Call ``do(k)`` for k < n, by that many threads, the caller's among them."""
-    todo = iter(range(n))
-
-    def work() -> None:
-        # Taking the next number is one step of the interpreter, so no number is taken twice.
-        for k in todo:
-            do(k)
-
-    if threads == 1 or n == 1:
-        work()
-        return
-    with ThreadPoolExecutor(min(threads, n) - 1) as pool:
-        others = [pool.submit(work) for _ in range(min(threads, n) - 1)]
-        work()
-        for other in others:
-            other.result()
 
 
 def block(k: int, n_rows: int, parts: int) -> tuple[slice, slice]:
@@ -284,7 +265,7 @@ def echo_sums(
     def do(k: int) -> None:
         _sum_echoes(radar, frame, grid, found, (edges[k], edges[k + 1]), out, unseen)
 
-    in_threads(do, len(edges) - 1, threads)
+    do_all(do, len(edges) - 1, threads)
     return out
 
 

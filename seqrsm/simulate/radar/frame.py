@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.errors import ConfigurationError, Problem, SceneError
+from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.plain import shallow
 from seqrsm.scene.fields import voronoi_labels
 from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
@@ -163,7 +163,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     y, rows = ground_ranges_m(radar, n_rows, cell, layers.mean_m, layers.peak_m)
     if layers.wrapped and (layers.cover == NO_COVER).all():
         text = "the antenna does not see the scene"
-        raise SceneError(Problem(text, "Move it closer", field="antenna_east_m", value=radar.antenna_east_m))
+        raise SceneError(text, "Move it closer", field="antenna_east_m", value=radar.antenna_east_m)
     height, own = radar.altitude_m - layers.mean_m, y[rows]
     if layers.wrapped:
         source, pad_near, ranges, centred = np.arange(n_rows), rows.start, y, own
@@ -237,7 +237,7 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> FrameLayers:
         if np.isnan(elevation).all():
             text = "turned to the heading, no cell has an elevation"
             remedy = "Fly along the grid: a heading of 0, 90, 180 or 270 deg"
-            raise SceneError(Problem(text, remedy, field="heading_deg", value=heading_deg))
+            raise SceneError(text, remedy, field="heading_deg", value=heading_deg)
     cover = levelled(elevation, cover, mean)
     return _layers(elevation, cover, field, mean_m=mean, peak_m=highest, quarter_turns=turns, cell_of_scene=place)
 
@@ -327,7 +327,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     if rings * columns > _MOST_CELLS:
         text = f"the farthest corner of the scene is {corner:.0f} m away: {rings} rings of {columns} cells"
         remedy = f"Move the antenna closer, or coarsen the scene: at most {_MOST_CELLS} cells are possible"
-        raise ConfigurationError(Problem(text, remedy, field="antenna_east_m", value=east_m))
+        raise ConfigurationError(text, remedy, field="antenna_east_m", value=east_m)
     step = 2.0 * math.pi / (pixels * wide)
     bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step
     _, mean, peak = known_heights(scene)

@@ -30,7 +30,6 @@ from seqrsm.simulate.radar.echo import (
     echo_grid,
     echo_sums,
     field_factors,
-    in_threads,
     pixels_of_cells,
     sigma0_lut,
     state_of_cells,
@@ -41,6 +40,7 @@ from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up,
 from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
+from seqrsm.simulate.runner import do_all
 from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
 
@@ -212,7 +212,7 @@ def _mean_power(
         c, rows = block(k, n, threads)
         kernels.average_azimuth(sums[c, rows], boxed[rows], grid.cells_a_pixel, factor[rows], mean[c, rows])
 
-    in_threads(average, threads * len(mean), threads)
+    do_all(average, threads * len(mean), threads)
     if frame.wrapped:
         mean = np.ascontiguousarray(mean[:, :, 1:-1])
     smeared = int((width > 1.0).sum())
@@ -247,7 +247,7 @@ def _faded(
         own = tables, which, spread, numbers[c], normal_table(), *key, rows.start
         kernels_speckle.add_speckle(mean[c, rows], noise[rows], *own, out[c, rows])
 
-    in_threads(fade, threads * len(mean), threads)
+    do_all(fade, threads * len(mean), threads)
     return out
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.errors import ConfigurationError
 from seqrsm.own_code import own_function
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
@@ -76,17 +76,17 @@ def named_function(field: str, name: str) -> Transfer:
     except Exception as error:  # the user's module may do anything
         text = f"the function cannot be imported: {type(error).__name__}: {error}"
         remedy = "Put its module beside campaign.toml, or install its package"
-        raise ConfigurationError(Problem(text, remedy, field=field, value=name)) from error
+        raise ConfigurationError(text, remedy, field=field, value=name) from error
 
     def stage(power: FloatArray) -> FloatArray:
         try:
             out = np.asarray(function(power.copy()), dtype=np.float64)
         except Exception as error:
             text = f"the function failed: {type(error).__name__}: {error}"
-            raise ConfigurationError(Problem(text, "Fix it", field=field, value=name)) from error
+            raise ConfigurationError(text, "Fix it", field=field, value=name) from error
         if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
             text = "the function must return one finite intensity >= 0 for each power"
-            raise ConfigurationError(Problem(text, "Fix it", field=field, value=name))
+            raise ConfigurationError(text, "Fix it", field=field, value=name)
         return out
 
     return stage

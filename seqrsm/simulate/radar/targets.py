@@ -63,7 +63,7 @@ class CulturalTarget:
             or abs(self.cross_section_dbm2) > MOST_DBM2
         ):
             remedy = f"Give finite numbers, {-MOST_DBM2:g} to {MOST_DBM2:g} dBm2 and a lobe wider than 0 deg"
-            raise SceneError(Problem("an impossible cultural target", remedy, field="targets", value=str(self)))
+            raise SceneError("an impossible cultural target", remedy, field="targets", value=str(self))
 
     def cross_section_m2(self, bearing_deg: float) -> float:
         """Cross section [m2] towards a bearing from true north [deg]: Gaussian lobes of the given half-power width."""
@@ -96,14 +96,14 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
         lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         text = f"the cultural targets cannot be read: {getattr(error, 'strerror', None) or error}"
-        raise SceneError(Problem(text, "Give a CSV file", file=path, field="targets_file")) from error
+        raise SceneError(text, "Give a CSV file", file=path, field="targets_file") from error
     header = [word.strip() for word in lines[0]] if lines else []
     unknown = [word for word in header if word not in _COLUMNS]
     missing = [word for word in _COLUMNS[:3] if word not in header]
     if unknown or missing or len(set(header)) < len(header):
         text = "its columns are not those of cultural targets" if header else "the file is empty"
         remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
-        raise SceneError(Problem(text, remedy, file=name, line=1))
+        raise SceneError(text, remedy, file=name, line=1)
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
     for number, line in enumerate(lines[1:], start=2):

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from seqrsm.arrays import AnyArray, Float32Array, FloatArray
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
@@ -130,7 +130,7 @@ def temperature_layer(scene: Scene) -> Float32Array:
     """Layer of temperature (rows, cols) of a scene [K]; SceneError where it has none."""
     if scene.temperature_k is None:
         remedy = 'Import one with `seqrsm scene import --temperature`, or choose temperature = "exposure" or "constant"'
-        raise SceneError(Problem("the scene has no layer of temperature", remedy, field="temperature", value="layer"))
+        raise SceneError("the scene has no layer of temperature", remedy, field="temperature", value="layer")
     return scene.temperature_k
 
 

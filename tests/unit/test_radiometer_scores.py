@@ -1,4 +1,4 @@
-"""Scores of a radiometer's image: classification in kelvin, retrieval, disjoint training, standard errors."""
+"""Scores of a radiometer's image: classification in kelvin, standard errors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, image, radiometer, scene
 
-from seqrsm.errors import SceneError
-from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.score.cover import percent_correct, score_evidence
 from seqrsm.score.evidence import Evidence
-from seqrsm.score.retrieval import _crossed_fit, water_fraction_error
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
@@ -88,27 +85,6 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     assert useless < 60.0
 
 
-def test_the_share_of_water_is_retrieved_on_blocks():
-    s = land(("Grass", "Water"))
-    found = simulate_radiometer(s, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
-    score = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=1)
-    water = 100.0 * (s.cover == 1)
-    blocks = water.reshape(40, 3, 160)[:, :, :159].reshape(40, 3, 53, 3).mean(axis=(1, 3))
-    assert score.guess == pytest.approx(blocks.std(), rel=0.02)
-    assert score.value < 0.6 * score.guess
-    assert score.confusion.size == 0
-    again = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=2)
-    assert again.value != score.value
-
-
-def test_training_and_test_tiles_are_disjoint():
-    # Features without meaning explain what they were fitted to, and nothing of the other half.
-    rng = np.random.default_rng(1)
-    features, target = rng.normal(size=(200, 40)), rng.normal(size=200)
-    blind = _crossed_fit(features, target, np.ones(200), np.arange(200) // 10, rng.random(20))
-    assert np.sqrt(np.mean((blind - target) ** 2)) > 1.1 * target.std()
-
-
 def test_standard_error_covers_the_spread_over_scenes():
     # The se over tiles stands for another piece of ground: compare with the spread over drawn scenes.
     table = Table((0.78, 0.82), field_sd=0.03)
@@ -122,10 +98,3 @@ def test_standard_error_covers_the_spread_over_scenes():
         errors.append(score.se)
     ratio = float(np.std(values, ddof=1)) / math.sqrt(float(np.mean(np.square(errors))))
     assert 0.5 < ratio < 1.9
-
-
-def test_ground_without_water_is_refused():
-    dry = land(("Grass", "Asphalt"))
-    found = simulate_radiometer(dry, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
-    with pytest.raises(SceneError, match="no water"):
-        water_fraction_error([found], dry, Asked("water_fraction_error"), seed=1, run_id=1)

@@ -1,0 +1,113 @@
+"""What an export tells, and what it does not; the form of flights that are issued."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from seqrsm.campaign.export import export
+from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import Store
+
+MEASURED = """\
+[campaign]
+name = "flown"
+[[factor]]
+name = "x"
+low = -1.0
+high = 1.0
+[[factor]]
+name = "kind"
+levels = ["a", "b"]
+[[application]]
+name = "worth"
+utility = "measured"
+[[application]]
+name = "clear"
+utility = "rank"
+[stop]
+half_width = 0.5
+"""
+
+
+def call(*arguments: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return result.output if code else result.stdout
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> Path:
+    """A campaign with everything in it: proposals, scores, blocks, repeats, void and replaced runs, rankings."""
+    folder = tmp_path / "flown"
+    folder.mkdir()
+    (folder / "campaign.toml").write_bytes(("\ufeff" + MEASURED + "# caf\u00e9\n").replace("\n", "\r\n").encode())
+    rows = [f"{k / 5 - 1!r},{'ab'[k % 2]},{(k * 0.7) % 1 + k / 30!r},worth,=note {k}" for k in range(12)]
+    (folder / "s.csv").write_text("x,kind,score,application,note\n" + "\n".join(rows), encoding="utf-8")
+    call("ingest", folder, folder / "s.csv")
+    call("void", folder, 3, "--why", "clouds")
+    (folder / "t.csv").write_text("run_id,x,kind,score,application\n3,0.125,a,0.5,worth\n", encoding="utf-8")
+    ranks = [
+        f"{run},{who},{1 + (run * step) % 7}" for who, step in (("ann", 3), ("bo", 5)) for run in (1, 2, *range(4, 13))
+    ]
+    (folder / "r.csv").write_text("run_id,interpreter,rank\n" + "\n".join(ranks) + "\n", encoding="utf-8")
+    call("ingest", folder, folder / "t.csv", folder / "r.csv")
+    call("propose", folder)
+    return folder
+
+
+def test_each_score_traces_to_its_file_row_and_decision(flown, tmp_path):
+    call("export", flown, tmp_path / "all.json")
+    document = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
+    for run in document["runs"]:
+        for score in run["scores"]:
+            if score["application"] == "clear":
+                ranks = [r for r in document["rankings"] if r["run_id"] == run["run_id"]]
+                assert ranks
+                assert all((r["source_file"], r["source_row"] > 1) == ("r.csv", True) for r in ranks)
+                continue
+            lines = (flown / score["source_file"]).read_text(encoding="utf-8").splitlines()
+            assert repr(score["score"]) in lines[score["source_row"] - 1].split(",")
+            told = [e for e in document["events"] if e["kind"] == "scored" and e["run_id"] == run["run_id"]]
+            assert any(e["detail"].get("file") == score["source_file"] for e in told)
+        proposed = [e for e in document["events"] if e["kind"] == "proposed" and e["run_id"] == run["run_id"]]
+        assert [e["detail"]["purpose"] for e in proposed] == [run["purpose"]]
+        assert run["why"]
+
+
+SECRET = '[store]  # ours\nurl = "postgresql+psycopg://u:hunter2@127.0.0.1:1/n"\n'
+
+
+@pytest.mark.parametrize("rest", ["", "[cost]\nflight = 3.0\n"])
+def test_an_export_tells_no_address_and_no_password(flown, tmp_path, rest):
+    with Store.open(flown) as store:
+        toml = flown / "campaign.toml"
+        toml.write_text(toml.read_text(encoding="utf-8-sig") + SECRET + rest, encoding="utf-8")
+        export(store, load_spec(flown), tmp_path / "all.json")
+    text = (tmp_path / "all.json").read_text(encoding="utf-8")
+    assert "hunter2" not in text
+    assert "postgresql" not in text
+    assert ("flight = 3.0" in text) is bool(rest)
+
+
+@pytest.mark.parametrize("address", ["postgres://u:hunter2@h/n", "postgresql+psycopg://u:hunter2@h:1x/n"])
+def test_a_mistyped_address_is_told_without_its_password(flown, address):
+    toml = (flown / "campaign.toml").read_text(encoding="utf-8-sig")
+    (flown / "campaign.toml").write_text(f'{toml}[store]\nurl = "{address}"\n', encoding="utf-8")
+    says = call("status", flown, code=2)
+    assert "url" in says
+    assert "hunter2" not in says
+
+
+def test_the_form_of_flights_that_are_issued_is_written_again(flown, tmp_path):
+    call("propose", flown, "-n", 2, "--csv", tmp_path / "first.csv")
+    call("propose", flown, "--form", tmp_path / "all.csv")
+    lines = (tmp_path / "first.csv").read_text().splitlines()
+    assert (tmp_path / "all.csv").read_text().splitlines()[-len(lines) + 1 :] == lines[1:]
+    assert "exists already" in call("propose", flown, "--form", tmp_path / "all.csv", code=2)
+    assert not list(tmp_path.glob("*.part"))
