@@ -264,7 +264,7 @@ def intervals_by_draws(
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
         parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))
     parts = [part for part in parts if part[2] > 0.0]
-    runs = [min(max(round(m), 1), _MOST_RUNS) for m in replicates]
+    runs = [round(min(max(m, 1), _MOST_RUNS)) for m in replicates]  # without end, where a mean is watched
 
     def nested(less: float) -> dict[int, Interval]:
         at = [(here - less, own, of) for here, own, of in parts]

@@ -154,9 +154,9 @@ def _estimate(
     else:
         rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
         mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, taken_off, draws, rng)
+    if share == 0.0:  # one of these: draws are rounded to whole runs, and no end of runs on a new day is a mean
         watched = ("confidence", "prediction", "prediction_mean").index(stop.interval)
-        if share == 0.0:  # draws are rounded to whole runs
-            found = (*found[:3], found[watched], found[watched])
+        found = (*found[:3], found[watched], found[watched])
     return OptimumEstimate(
         settings=fitted.region.decode(best.point)[0],
         point=best.point,

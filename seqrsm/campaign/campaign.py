@@ -34,7 +34,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, evidence, n_determined, scored_runs
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
+from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
@@ -42,7 +42,7 @@ from seqrsm.fit.error_models import Sampler
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import WAITING, NewRun, RunRecord
+from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
@@ -234,33 +234,44 @@ class Campaign:
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
-        if left <= 0:
+        analyses = analyses or self._looked(made, left)
+        waiting = any(run.purpose == CONFIRMATION and run.state in WAITING for run in made)
+        if not waiting and any(one.decision.wants_confirmation for one in analyses):
+            fresh = confirmation_batch(self.spec, analyses, self.spec.own_source if source == "best" else source)
+            ids = self.store.add_batch(fresh, issue=True)  # beyond the budget
+        elif left <= 0:
             message = f"the budget of {budget} runs is spent"
             raise StoreError(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME))
-        proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
-        runs = in_random_order(proposed, self.spec.seed, len(made))
-        ids = self.store.add_batch(runs, issue=True, budget=budget)
+        else:
+            proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
+            runs = in_random_order(proposed, self.spec.seed, len(made))
+            ids = self.store.add_batch(runs, issue=True, budget=budget)
         return tuple(run for run in self.store.runs() if run.run_id in set(ids))
+
+    def _looked(self, runs: Sequence[RunRecord], left: int) -> tuple[Analysis, ...]:
+        """Look at what is scored, where it can be fitted and something may be proposed after it; else nothing."""
+        model = QuadraticModel(self.spec.factors, self.spec.model.order)
+        if (left <= 0 and self.spec.stop.guard == "runs") or n_fitted(self.spec, runs) <= model.p:
+            return ()
+        analyses = self.analyse_all()
+        self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
+        return analyses
 
     def _proposals(
         self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
     ) -> list[NewRun]:
         active = [run for run in evidence(runs) if run.state in (*WAITING, "scored")]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
-        fitted = n_fitted(self.spec, runs)
         failed = [run for run in runs if run.state == "failed" and run.fault != "machine"]
         start_source = self.spec.own_source if source == "best" else source
         if not active:
             return start_batch(self.spec, model, start_source, failed=failed)
-        if fitted <= model.p:
+        if not analyses:
             waiting = [run for run in active if run.state in WAITING]
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
                 return start_batch(self.spec, model, start_source, active, failed)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
             raise StoreError(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`).")
-        if not analyses:
-            analyses = self.analyse_all()
-            self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
         return next_batch(self.spec, analyses, active, n, source, failed)
 
     # -- carrying out ---------------------------------------------------------------------------------------------

@@ -10,17 +10,16 @@ from functools import partial
 from typing import Any, Literal
 
 from seqrsm.analysis.compromise import CompromiseEstimate
-from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, n_fitted, silent
-from seqrsm.campaign.next_runs import rounded_settings, start_size
+from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
-from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
+from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]
 WAIT_S = 1.0
@@ -258,17 +257,6 @@ class _ClosedLoop:
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""
-        spec = self.campaign.spec
-        runs = [
-            NewRun(
-                rounded_settings(spec.region, spec.region.code([analysis.optimum.settings]))[0],
-                CONFIRMATION,
-                confirmation_reason(analysis.application),
-                cost=spec.cost.simulation,
-            )
-            for analysis in analyses
-            if analysis.confirmation is None
-            for _ in range(spec.stop.confirmation_runs)
-        ]
+        runs = confirmation_batch(self.campaign.spec, analyses, "simulation")
         self.say(f"{len(runs)} confirmation runs at the recommended settings")
         self.campaign.store.add_batch(runs, issue=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, n_determined
@@ -26,7 +27,7 @@ from seqrsm.propose.criteria import Optimum, Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
-from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 
 START = "start"
 CENTRE_REPEATS = 3
@@ -95,6 +96,22 @@ def start_batch(
         why = f"the runs so far do not determine all {model.p} terms of the model"
     cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
+
+
+def confirmation_batch(spec: CampaignSpec, analyses: Sequence[Analysis], source: str) -> list[NewRun]:
+    """Fresh runs at the recommended settings; several applications each get their own, those that have some none."""
+    return [
+        NewRun(
+            rounded_settings(spec.region, spec.region.code([analysis.optimum.settings]))[0],
+            CONFIRMATION,
+            confirmation_reason(analysis.application),
+            source,
+            spec.cost.of(source),
+        )
+        for analysis in analyses
+        if analysis.confirmation is None
+        for _ in range(spec.stop.confirmation_runs)
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,17 +17,18 @@ from seqrsm.analysis.conclude import analyse, stop_rule
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.runs import evidence
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.next_runs import next_batch, start_batch
+from seqrsm.campaign.next_runs import confirmation_batch, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.optimum import optimum, sign_of
 from seqrsm.propose.cloud import climb
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import NewRun, NewScore, RunRecord, ScoreRecord
+from seqrsm.store.records import CONFIRMATION, NewRun, NewScore, RunRecord, ScoreRecord
 
 _PLACES = 2000
 _DRAWS = 500
@@ -138,10 +139,14 @@ def make_campaign(
             for i, (run, scored) in enumerate(zip(new, scores, strict=True))
         ]
         analysis = analyse(spec, application, runs, ground=ground, n_draws=n_draws)
-        if (stops and analysis.decision.held) or len(runs) >= spec.stop.max_runs:
-            return analysis, runs
+        left = spec.stop.max_runs - sum(run.purpose != CONFIRMATION for run in runs)
         batch += 1
-        new = next_batch(spec, [analysis], runs, min(spec.batch, spec.stop.max_runs - len(runs)), source)
+        if stops and analysis.decision.wants_confirmation:
+            new = confirmation_batch(spec, [analysis], source)
+        elif (stops and analysis.decision.held) or left <= 0:
+            return analysis, runs
+        else:
+            new = next_batch(spec, [analysis], evidence(runs), min(spec.batch, left), source)
 
 
 def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunRecord:

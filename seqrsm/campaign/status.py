@@ -11,12 +11,13 @@ from statistics import median
 from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
+from seqrsm.analysis.runs import evidence
 from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
+from seqrsm.store.records import LookRecord, RunRecord
 from seqrsm.store.store import Store
 
 
@@ -106,9 +107,9 @@ def latest_look(
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
     if mine:
         found["last_look"] = mine[-1].summary
-    counted = [run for run in runs if run.state == "scored" and run.purpose != CONFIRMATION]
-    scored = [run for run in counted if run.score_of(application.name) is not None]
-    newest = max((score.scored_at for run in scored if (score := run.score_of(application.name))), default="")
+    given = [run for run in runs if run.state == "scored" and run.score_of(application.name) is not None]
+    scored = [run for run in evidence(runs) if run in given]
+    newest = max((score.scored_at for run in given if (score := run.score_of(application.name))), default="")
     # Rankings change scores without adding any.
     if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
         look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)

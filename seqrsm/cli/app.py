@@ -283,7 +283,7 @@ def propose(
         runs = campaign.issue(n, source=source, csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
     if n is not None and len(runs) > n:
-        say(f"{len(runs)} runs instead of {n}: the model needs the whole initial design; -n applies to later batches")
+        say(f"{len(runs)} runs instead of {n}: an initial design and confirmation runs are issued as a whole")
 
 
 @app.command()

@@ -432,7 +432,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(_lack_of_fit_check(rule, look))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
-        checks.append(_confirmation_check(rule, confirmation))
+        checks.append(_confirmation_check(confirmation))
     held = all(check.holds is True for check in checks)
     ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=look.s * scale, h=look.h)
     useless = futility(rule, look, ahead, width, unit)
@@ -487,8 +487,7 @@ def _lack_of_fit_check(rule: StopRule, look: Look) -> Check:
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
 
 
-def _confirmation_check(rule: StopRule, confirmation: Agreement | None) -> Check:
+def _confirmation_check(confirmation: Agreement | None) -> Check:
     if confirmation is None:
-        text = f"{rule.replicates} confirmation runs at the recommended settings are still to be made."
-        return Check("confirmation", None, text)
+        return Check("confirmation", None, "Confirmation runs at the recommended settings are still to be made.")
     return Check("confirmation", confirmation.agrees, confirmation.text)

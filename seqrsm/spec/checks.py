@@ -140,7 +140,7 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
             continue
         for name in sorted(found.numeric_names - set(numeric)):
             report.add(
-                path, f"'{name}' is not a numeric factor", f"The numeric factors are {', '.join(numeric)}.", text
+                path, f"'{name}' is not a numeric factor", f"Numeric factors: {', '.join(numeric) or 'none'}.", text
             )
         for name in sorted({name for name, _ in found.labels} - set(categorical)):
             report.add(path, f"'{name}' is not a factor with levels", "count takes a factor with levels.", text)

@@ -327,9 +327,9 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", repeated["consideration"], report)
     texts = [None if table is None else table.expr for table in repeated["consideration"]]
-    spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
     known = [factor for factor in factors if factor is not None]
     if len(known) == len(factors):
+        spec_checks.expressions(texts, known, report)
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)

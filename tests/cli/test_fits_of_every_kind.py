@@ -114,6 +114,18 @@ def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, docume
     assert drawn["credible"]["low"] < drawn["mean"] < drawn["credible"]["high"]
 
 
+def test_the_rule_may_watch_the_interval_of_the_mean(kind: str, document: dict, tmp_path: Path) -> None:
+    """No end of future runs is the mean; on days that are a sample it is still that of the average day."""
+    folder = make(tmp_path / "c", *KINDS[kind])
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8") + 'interval = "confidence"\n', encoding="utf-8")  # of [stop]
+    (analysis,) = Campaign.open(folder).analyse_all()
+    best, known = analysis.optimum, document["optimum"]
+    assert best.mean == known["mean"]
+    assert best.whole == best.by_chance == best.confidence
+    assert analysis.decision.half_width == pytest.approx(known["confidence"]["half_width"], rel=0.1)  # of other draws
+
+
 def test_a_stationary_point_far_away_has_no_settings(analysis: Analysis, capsys) -> None:
     """A logarithmic factor reads 0.0 GHz there."""
     numeric = analysis.region.numeric

@@ -188,3 +188,12 @@ def test_truths_beyond_100_percent_are_covered_as_the_scores_that_they_give(tmp_
     assert numbers["coverage_mean"] >= 0.75
     assert numbers["coverage_new_run"] >= 0.85
     assert numbers["regret_p95"] < 5.0
+
+
+def test_confirmation_runs_are_rehearsed(tmp_path: Path) -> None:
+    """Where they are the guard, no campaign could stop without them; they are beyond the budget of runs."""
+    spec, analysis = known(tmp_path, hill)
+    stop = spec.stop.model_copy(update={"guard": "confirmation", "confirmation_runs": 4, "half_width": 9.0})
+    numbers = rehearsed(replace(spec, stop=stop), analysis, 6)[0]["numbers"]
+    assert numbers["stopped"] >= 0.5
+    assert 16 <= numbers["runs_p10"] <= numbers["runs_median"] < 30

@@ -412,3 +412,13 @@ def test_a_utility_that_has_a_unit_keeps_it(load):
     with pytest.raises(SpecError, match=r"application 'crop-classification': unit: scores .* in percent .*'dB'"):
         load(GOOD.replace('utility = "percent_correct"', 'utility = "percent_correct"\nunit = "dB"'))
     load(GOOD.replace('utility = "percent_correct"', 'utility = "percent_correct"\nunit = "percent"'))
+
+
+def test_a_faulty_factor_is_the_only_fault(tmp_path: Path) -> None:
+    """An expression of it is not said to have no such factor."""
+    text = GOOD.replace("high = 100\n", "high = 1\n") + '[[consideration]]\nname = "cost"\nexpr = "1 / resolution"\n'
+    (tmp_path / SPEC_NAME).write_text(text, encoding="utf-8")
+    (tmp_path / "scene.npz").touch()
+    with pytest.raises(SpecError) as found:
+        load_spec(tmp_path)
+    assert [one.field for one in found.value.problems] == ["factor 'resolution': low"]

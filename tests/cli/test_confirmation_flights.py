@@ -1,0 +1,67 @@
+"""A campaign of measured scores whose guard are confirmation flights: the program issues them, and then it stops."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_campaign import X, make, quadratic
+from typer.testing import CliRunner, Result
+
+from seqrsm.cli.app import app
+
+GUARD = 'guard = "confirmation"\nconfirmation_runs = 3\nmax_runs = 24\n[cost]\nflight = 7.5\n'  # no more than were made
+
+
+def seqrsm(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def document(*arguments: object) -> dict:
+    result = seqrsm(*arguments, "--json")
+    assert result.exit_code == 0, result.output + repr(result.exception)
+    return json.loads(result.stdout)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """Nothing is missing of its rule but the confirmation."""
+    rows = [{"x": row["x"], "score": row["score"]} for row in quadratic()]
+    folder = make(tmp_path / "c", X, rows)
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace("half_width = 3.0", "half_width = 9.0") + GUARD)
+    return folder
+
+
+def flown(folder: Path, runs: list[dict], mean: float, name: str) -> None:
+    """The scores of ``runs``, about ``mean``."""
+    with (folder / name).open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["run_id", "x", "score"])
+        for run, away in zip(runs, (-1, 0, 1), strict=True):
+            writer.writerow([run["run_id"], run["settings"]["x"], mean + away])
+    document("ingest", folder, folder / name)
+
+
+@pytest.mark.parametrize(("away", "held"), [(0.0, True), (-40.0, False)])
+def test_confirmation_flights_are_issued_and_decide(campaign: Path, away: float, held: bool) -> None:
+    before = document("fit", campaign)
+    assert "Confirmation runs at the recommended settings are still to be made." in before["stop"]["reasons"]
+    runs = document("propose", campaign, "-n", 1)
+    best = before["optimum"]["settings"]["x"]
+    assert [(run["purpose"], run["source"], run["state"]) for run in runs] == [("confirmation", "flight", "issued")] * 3
+    np.testing.assert_allclose([run["settings"]["x"] for run in runs], best, rtol=1e-3)
+    again = seqrsm("propose", campaign)  # one set is enough, and the budget of other runs is spent
+    assert again.exit_code == 2
+    assert "the budget of 24 runs is spent" in again.stderr
+    flown(campaign, runs, before["optimum"]["mean"] + away, "flights.csv")
+    after, status = document("fit", campaign), document("status", campaign)
+    assert after["n_runs"] == before["n_runs"]
+    assert after["confirmation"]["agrees"] is held
+    assert after["stop"]["held"] is status["held"] is held
+    (known,) = status["applications"]
+    assert known["last_look"]["reasons"] == after["stop"]["reasons"]
+    assert seqrsm("propose", campaign).exit_code == 2
