@@ -102,7 +102,7 @@ def main() -> None:
     n, m = (int(a) for a in [*(a for a in sys.argv[1:] if a != "--write"), "1000", "1000"][:2])
     rows = []
     rng = np.random.default_rng(0)
-    z = fractal_terrain(n, m, 5.0, relief_m=100.0, seed=0)
+    z = fractal_terrain(n, m, relief_m=100.0, seed=0)
     cover = np.kron(rng.integers(0, 10, (n // 40 + 1, m // 40 + 1)), np.ones((40, 40), dtype=int))[:n, :m]
     field = np.arange((n // 40 + 1) * (m // 40 + 1)).reshape(n // 40 + 1, -1)
     field = np.kron(field, np.ones((40, 40), dtype=int))[:n, :m]

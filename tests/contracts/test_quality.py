@@ -27,6 +27,16 @@ def test_tool_finds_nothing(command: list[str]) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_studies_and_benchmarks_call_what_is_there() -> None:
+    """They run seldom: a function that lost an argument would be noticed when its page is to be made anew."""
+    options = ["--config-file=", "--cache-dir=.mypy_cache/studies", "--ignore-missing-imports", "--check-untyped-defs"]
+    command = [BIN / "mypy", *options, "tests/studies", "tests/benchmarks"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "checked" in done.stdout, done.stdout + done.stderr
+    lost = ("[call-arg]", "[name-defined]", 'error: Module "seqrsm')
+    assert not [line for line in done.stdout.splitlines() if any(mark in line for mark in lost)]
+
+
 MOST_ARGUMENTS = 10
 
 
