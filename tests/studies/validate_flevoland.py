@@ -81,7 +81,8 @@ def scene(margin_cells: int = MARGIN_CELLS) -> Scene:
     with np.load(OUT / "flevoland_labels.npz") as archive:
         label = archive["label"]
     names = tuple(f"{row['class']} (flight)" for row in class_rows())
-    piece = voronoi_labels(*label.shape, 25, seed=1989)
+    rows, cols = label.shape
+    piece = voronoi_labels(rows, cols, 25, seed=1989)
     shares = np.bincount(label[label > 0], minlength=16)[1:]
     drawn = draw_index(piece, list(shares), seed=1990)
     labelled = label > 0
