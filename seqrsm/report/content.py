@@ -46,7 +46,7 @@ def build_report(dossier: Dossier) -> Report:
     methods: list[Section | None] = []
     alone = dossier.compromise is None  # of one application
     if dossier.compromise is not None:
-        sections.append(compromise_section(spec.factors, dossier.compromise))
+        sections.append(compromise_section(spec.region, dossier.compromise))
     for number, analysis in enumerate(analyses, 1):
         key = f"a{number}"
         parts: list[Section | None] = list(application_sections(spec, dossier.looks, analysis, key))

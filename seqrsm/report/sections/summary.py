@@ -71,7 +71,7 @@ def summary_section(
     if compromise is None:
         found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", _made(spec, runs))
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
-    blocks = (*compromise_summary(spec.factors, compromise), _own_table(analyses))
+    blocks = (*compromise_summary(spec.region, compromise), _own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
     made = _made(spec, runs)
     values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
