@@ -279,8 +279,6 @@ def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:
 def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec, axes: Axes) -> None:
     """Draw intervals at the optimum, each a bar, with the mean and the target about it."""
     mean = analysis.optimum.mean
-    widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
-    near = stop.half_width < _FAR * widest
     for place, (_, one) in enumerate(intervals):
         y = len(intervals) - 1 - place
         axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
@@ -289,7 +287,7 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
             # Over the middle, where the target's lines are not.
             text, middle = format_range(one.low, one.high, score_decimals(analysis)), 0.5 * (one.low + one.high)
             axes.annotate(text, (middle, y), ha="center", va="bottom", xytext=(0, 4), textcoords="offset points")
-    for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
+    for end in (mean - stop.half_width, mean + stop.half_width) if target_is_near(intervals, stop) else ():
         axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
     names = [name.replace(", ", ",\n") for name, _ in intervals]
     axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
@@ -297,6 +295,12 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
     axes.margins(x=0.2)
     axes.set_xlabel(score_label(analysis))
     axes.grid(visible=True, axis="x")
+
+
+def target_is_near(intervals: Sequence[tuple[str, Interval]], stop: StopSpec) -> bool:
+    """Whether the target half-width can be drawn with the intervals."""
+    widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
+    return stop.half_width < _FAR * widest
 
 
 def score_label(analysis: Analysis) -> str:
