@@ -78,9 +78,8 @@ def build_report(dossier: Dossier) -> Report:
     )
     shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
     shown = list(_once(shown, set()))
-    if alone:
-        # The summary of one application fills a page; with several, the appendix has no page to itself.
-        shown[1], shown[-1] = replace(shown[1], new_page=True), replace(shown[-1], new_page=True)
+    if alone:  # The summary of one application fills a page.
+        shown[1] = replace(shown[1], new_page=True)
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",

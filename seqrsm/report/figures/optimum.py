@@ -55,7 +55,7 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
     bar.ax.tick_params(labelsize=7)
     bar.set_ticks(_round_ticks(limits))
     lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
-    axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    labels = axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
     if np.any(surface.slack < 0.0):
         forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
         axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
@@ -64,6 +64,10 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
         )
     set_numeric_axis(axes, "x", x_factor)
     set_numeric_axis(axes, "y", y_factor)
+    for label in labels:  # one at the frame would be cut
+        place = (axes.transData - axes.transAxes).transform(label.get_position())
+        if np.min(np.minimum(place, 1.0 - place)) < 0.05:
+            label.remove()
     _scatter_over_surface(axes, analysis, surface)
 
 
@@ -145,13 +149,14 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
         color = drawing.SERIES[place % len(drawing.SERIES)]
         mean = np.where(one.allowed, one.mean, np.nan)
         if isinstance(factor, DiscreteFactor):
-            axes.vlines(x[one.allowed], one.confidence.low[one.allowed], one.confidence.high[one.allowed], color=color)
+            ends = one.confidence.low[one.allowed], one.confidence.high[one.allowed]
+            axes.vlines(x[one.allowed], *ends, color=color, clip_on=False)
         else:
             axes.fill_between(
                 x, one.confidence.low, one.confidence.high, where=one.allowed, color=color, alpha=0.2, linewidth=0
             )
         marker = "o" if isinstance(factor, DiscreteFactor) else None
-        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24))
+        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24), clip_on=False)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     axes.legend(frameon=False, fontsize=7)
@@ -166,10 +171,16 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     axes.plot(line.x, mean, color=drawing.BLUE)
     marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
-    axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
+    _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
+
+
+def _mark_optimum(analysis: Analysis, index: int, axes: Axes) -> None:
+    """Dash the recommended setting of a numeric factor, over the frame where it is a bound."""
+    at = float(numeric_factor(analysis, index).decode(analysis.optimum.point[index]))
+    axes.axvline(at, color=drawing.ORANGE, linestyle="--", linewidth=1.2, clip_on=False, zorder=3)
 
 
 def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
@@ -259,9 +270,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         share = np.histogram(draws, edges)[0] / max(draws.size, 1)
         natural = factor.decode(edges)
         axes.bar(natural[:-1], share, np.diff(natural), align="edge", color=drawing.BLUE, linewidth=0)
-        axes.axvline(
-            float(factor.decode(analysis.optimum.point[index])), color=drawing.ORANGE, linestyle="--", linewidth=1.2
-        )
+        _mark_optimum(analysis, index, axes)
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
     axes.set_xlabel(shortened(axis_label(factor), 44))
