@@ -40,5 +40,5 @@ def known(value: float, uncertainty: float) -> str:
     """``value`` with the digits that its uncertainty supports: down to the second of the uncertainty's own."""
     if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:
         return f"{value:.4g}"
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(abs(uncertainty))) + 2
-    return f"{value:.{min(max(digits, 2), 15)}g}"
+    places = min(1 - math.floor(math.log10(abs(uncertainty))), 15)
+    return f"{round(value, places):.{max(places, 0)}f}"

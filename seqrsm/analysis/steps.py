@@ -28,11 +28,11 @@ class Step:
     level, over : float or str
         The value and the next smaller one; or a level of a categorical factor and the recommended level.
     mean : float
-        Score expected at ``level``.
+        Score expected at ``level``, less what the recommended one's is less for having been chosen.
     gain : float
         By which it exceeds that at ``over``; negative where scores fall.
     interval : Interval
-        Of the gain, at the level of ``[stop]``.
+        Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add.
     better : float
         Probability that the score at ``level`` is the better one, expected over all grounds.
     better_here, loss_here : float
@@ -99,15 +99,14 @@ def steps_of(
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
         feasible = belief.region.feasible(points)
-        less = np.where(np.isclose(coded, point[j]), optimism, 0.0)
+        chosen = np.where(np.isclose(coded, point[j]), optimism, 0.0)
         parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
-        mean = scale.to_score(belief.mean(points)) - less
+        mean = scale.to_score(belief.mean(points)) - optimism
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]
-                off = float(less[i] - less[over])
-                interval = mixed_quantiles(gains, level).also_less(off)
-                gains = [(sign_of(belief.goal) * (gain - off), share) for gain, share in gains]
+                interval = mixed_quantiles(gains, level).also_less(float(chosen[i] - chosen[over]))
+                gains = [(sign_of(belief.goal) * gain, share) for gain, share in gains]
                 better, here = sum(share * float(np.mean(gain > 0.0)) for gain, share in gains), (math.nan, math.nan)
                 if (sd := sd_here.get((factor.name, str(values[i])))) is not None:
                     there = [(gain + sd * rng.standard_normal(len(gain)), share) for gain, share in gains]

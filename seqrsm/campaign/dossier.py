@@ -157,10 +157,13 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
         "alternative surface if the report describes one",
     ]
     if spec.simulator is not None:
+        drawn = {
+            "psm": "backscatter of fields and dates, soil moisture, wind, fading",
+            "prm": "emissivity, temperature and soil moisture of fields and of the date",
+        }[spec.simulator.engine]
         found.append(
-            "each simulated run is one occasion with its own draw of the tables: table means, backscatter of fields "
-            "and dates, soil moisture, wind, fading, receiver noise and the training sample are drawn from the "
-            "campaign's seed and the run's id"
+            f"each simulated run is one occasion with its own draw of the tables: table means, {drawn}, receiver noise "
+            "and the training sample are drawn from the campaign's seed and the run's id"
         )
         if any(utility_of(application.utility).classifies for application in spec.applications):
             found.append(

@@ -22,7 +22,7 @@ from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section, term_test_table
 from seqrsm.report.sections.summary import result_section, summary_section
-from seqrsm.report.wording import format_setting, ground_name, parts_of_width, readable, watched_interval, with_unit
+from seqrsm.report.wording import ground_name, parts_of_width, readable, told_settings, watched_interval, with_unit
 from seqrsm.spec.read import CampaignSpec
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def show_fit(
             show_blocks([term_test_table(asked)])
     if compromise is not None:
         show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
-        show_sections([compromise_section(spec.factors, compromise)])
+        show_sections([compromise_section(spec.region, compromise)])
     show_sections([summary_section(spec, analyses, compromise, campaign.store.runs())])
 
 
@@ -126,11 +126,9 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    spreads = look.get("settings_spread", {})
-    rows = [
-        [readable(f.name), format_setting(f, best["settings"][f.name], spreads.get(f.name) or math.nan)]
-        for f in spec.factors
-    ]
+    spreads = {name: spread or math.nan for name, spread in look.get("settings_spread", {}).items()}
+    told = told_settings(spec.region, best["settings"], spreads)
+    rows = [[readable(f.name), with_unit(told[f.name], f.unit)] for f in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
     line(f"mean score {with_unit(known_text(best['mean']), unit)}")
     for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.confirmation import Agreement
 from seqrsm.fit.intervals import t_quantile
+from seqrsm.plain import counted
 
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 Guard = Literal["runs", "confirmation"]
@@ -427,7 +428,8 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(_guess_check(look.guess, look, width, unit))
     if not look.weighed:
         asked = f"{_MIN_DF_PURE_ERROR} are required"
-        text = f"Repeated runs give {look.df_pure_error} degrees of freedom of pure error; {asked}."
+        have = counted(look.df_pure_error, "degree of freedom", "degrees of freedom")
+        text = f"Repeated runs give {have} of pure error; {asked}."
         checks.append(Check("pure_error", look.df_pure_error >= _MIN_DF_PURE_ERROR, text))
         checks.append(_lack_of_fit_check(rule, look))
     before_confirmation = all(check.holds is True for check in checks)

@@ -46,7 +46,7 @@ def build_report(dossier: Dossier) -> Report:
     methods: list[Section | None] = []
     alone = dossier.compromise is None  # of one application
     if dossier.compromise is not None:
-        sections.append(compromise_section(spec.factors, dossier.compromise))
+        sections.append(compromise_section(spec.region, dossier.compromise))
     for number, analysis in enumerate(analyses, 1):
         key = f"a{number}"
         parts: list[Section | None] = list(application_sections(spec, dossier.looks, analysis, key))
@@ -78,9 +78,8 @@ def build_report(dossier: Dossier) -> Report:
     )
     shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
     shown = list(_once(shown, set()))
-    if alone:
-        # The summary of one application fills a page; with several, the appendix has no page to itself.
-        shown[1], shown[-1] = replace(shown[1], new_page=True), replace(shown[-1], new_page=True)
+    if alone:  # The summary of one application fills a page.
+        shown[1] = replace(shown[1], new_page=True)
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",

@@ -44,7 +44,7 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     future, to_score = (found.prediction.low, found.prediction.high), analysis.scale.to_score
     lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)
     table = np.column_stack([*map(to_score, means), *(to_score(values, 1.0) for values in future)])
-    table -= [best.optimism, lower, upper, lower, upper]
+    table = np.clip(table - [best.optimism, lower, upper, lower, upper], *analysis.fitted.application.score_limits)
     ends = (best.confidence.low, best.confidence.high, best.prediction.low, best.prediction.high)
     table[np.ravel_multi_index(starts, [len(coded) for coded in levels])] = (best.mean, *ends)  # as on the first page
     allowed = np.asarray(region.slack(points) >= -1e-9)

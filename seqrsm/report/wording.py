@@ -11,8 +11,10 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
 from seqrsm.analysis.scale import Interval
+from seqrsm.campaign.next_runs import rounded_settings as settings_of_run
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
+from seqrsm.design.region import Region
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Cell, Column, heading, right
 from seqrsm.report.rounding import (
@@ -101,22 +103,41 @@ def setting_decimals(factor: NumericFactor, value: float, spread: float = math.n
     finest = decimals_for(local / 100.0)
     if not math.isfinite(spread) or spread <= 0.0:
         return finest
-    # Half of the half-width is about a standard error: it decides the digits, up to those that a sensor can be set to.
-    return min(decimals_for(spread / 2.0), finest + 1)
+    # Half of the half-width is about a standard error: it decides the digits, two at least (2 ms for 2.48 ms would be
+    # another sensor), up to those that a sensor can be set to.
+    return min(max(decimals_for(spread / 2.0), decimals_of_significant(value, 2)), finest + 1)
 
 
 def format_setting(factor: Factor, value: float | str, spread: float = math.nan, *, unit: bool = True) -> str:
     """Format one setting of a factor; levels of discrete factors and bounds keep all digits that the user gave."""
     if isinstance(factor, CategoricalFactor):
         return str(value)
-    number = float(value)
-    low, high = span(factor)
-    exact = isinstance(factor, DiscreteFactor) or number in (low, high)
-    if exact and len(f"{number:.12g}") <= 8:
-        text = format_plain(number)
-    else:
-        text = format_number(number, setting_decimals(factor, number, spread))
+    number, places = float(value), _places(factor, float(value), spread)
+    text = format_plain(number) if places is None else format_number(number, places)
     return with_unit(text, factor.unit if unit else "")
+
+
+def _places(factor: NumericFactor, number: float, spread: float) -> int | None:
+    """Decimal places of a setting; None for all its digits."""
+    exact = isinstance(factor, DiscreteFactor) or number in span(factor)
+    return None if exact and len(f"{number:.12g}") <= 8 else setting_decimals(factor, number, spread)
+
+
+def told_settings(region: Region, settings: Mapping[str, float | str], spreads: Mapping[str, float]) -> dict[str, str]:
+    """Settings by factor, without units, to the digits that their ``spreads`` support.
+
+    Where rounding would leave the region, by a constraint on several factors, they are those of a run made there.
+    """
+    told, rounded = {}, dict(settings)
+    for factor in region.factors:
+        value, spread = settings[factor.name], spreads.get(factor.name, math.nan)
+        told[factor.name] = format_setting(factor, value, spread, unit=False)
+        if not isinstance(factor, CategoricalFactor):
+            places = _places(factor, float(value), spread)
+            rounded[factor.name] = float(value) if places is None else round(float(value), places)
+    if region.feasible(region.code([rounded]))[0] or not region.feasible(region.code([settings]))[0]:
+        return told
+    return {name: format_value(value) for name, value in settings_of_run(region, region.code([settings]))[0].items()}
 
 
 def describe_factor(factor: Factor) -> tuple[str, str]:
@@ -280,20 +301,23 @@ def setting_spread(analysis: Analysis, factor: Factor) -> float:
     return 0.5 * (posterior.high - posterior.low)
 
 
+def setting_spreads(analysis: Analysis) -> dict[str, float]:
+    """`setting_spread` of each factor."""
+    return {factor.name: setting_spread(analysis, factor) for factor in analysis.region.factors}
+
+
 def optimum_setting_text(analysis: Analysis, factor: Factor, *, unit: bool = True) -> str:
     """Return the recommended setting of a factor, to the digits that its posterior supports."""
-    spread = setting_spread(analysis, factor)
-    return format_setting(factor, analysis.optimum.settings[factor.name], spread, unit=unit)
+    text = told_settings(analysis.region, analysis.optimum.settings, setting_spreads(analysis))[factor.name]
+    return with_unit(text, factor.unit if unit else "")
 
 
 def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) -> str:
     """Return settings in one line, the recommended ones to the digits that the report gives them."""
-    best = analysis.optimum.settings
-    told = (
-        optimum_setting_text(analysis, f) if settings[f.name] == best[f.name] else format_setting(f, settings[f.name])
-        for f in analysis.region.factors
-    )
-    return ", ".join(f"{readable(f.name)} {text}" for f, text in zip(analysis.region.factors, told, strict=True))
+    best, spreads = analysis.optimum.settings, setting_spreads(analysis)
+    same = {name: spread for name, spread in spreads.items() if settings[name] == best[name]}
+    told = told_settings(analysis.region, settings, same)
+    return ", ".join(f"{readable(f.name)} {with_unit(told[f.name], f.unit)}" for f in analysis.region.factors)
 
 
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:

@@ -144,8 +144,8 @@ def make_atmosphere(
     dry, wet = (float(np.exp(np.interp(math.log(frequency_ghz), f, loss))) for loss in losses)
     depth_db = dry * _exponential(_DRY_SCALE_KM) + wet * _exponential(_WET_SCALE_KM)
     notes = [
-        f"atmosphere {atmosphere.replace('_', ' ')}, {weather}; zenith loss of its gases {dry + wet:.3g} dB at "
-        f"{frequency_ghz:.3g} GHz (computed table)"
+        f"atmosphere {atmosphere.replace('us_', 'US ').replace('_', ' ')}, {weather}; zenith loss of its gases "
+        f"{dry + wet:.3g} dB at {frequency_ghz:.3g} GHz (computed table)"
     ]
     if weather != "clear":
         depth_db = depth_db + cloud_kg_m2 * cloud_db_per_kg_m2(frequency_ghz) * _slab(*_CLOUD_KM)

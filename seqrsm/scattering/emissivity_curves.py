@@ -112,7 +112,7 @@ def read_curves(
         value = {key: _angles(f"{name}, {key[0]:g} GHz, {key[1]}", block, problems) for key, block in group.items()}
         status = weakest(row.text("status") for row in own)
         if printed:
-            note = "Table 3 of RSL TR 380-1; its frequency (20 GHz), polarization (H) and moisture (0.2) are inferred"
+            note = "emissivities of Table 3, RSL TR 380-1; its 20 GHz, polarization H and moisture 0.2 are inferred"
         else:
             sources = ", ".join(sorted({row.text("source") for row in own}))
             note = f"{name}: rows of {Path(path).name} ({status}: {sources})"

@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from test_browser import BROWSER
 
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report.content import build_report
+from seqrsm.report.figures.surfaces import chosen_pairs, line, surface
 from seqrsm.report.html import render_html
 from seqrsm.report.profile import MOST_NODES, profile, profile_text
 from seqrsm.report.wording import optimum_setting_text
@@ -48,6 +50,21 @@ def test_each_row_is_the_fit_at_its_settings(name, request):
         if len(row) == len(analysis.fit.estimate):  # without blocks
             mean = float(analysis.scale.to_score(np.array([row @ analysis.fit.estimate]))[0])
             assert found["rows"][i][0] == pytest.approx(mean, abs=half + 0.002 * np.ptp(analysis.data.scores))
+
+
+def test_nothing_is_drawn_that_no_score_can_be(simulated):
+    """Slices, contours and sliders end where scores do."""
+    analysis = simulated.analyses[0]
+    most = analysis.optimum.mean - 1.0
+    percent = SimpleNamespace(score_limits=(0.0, most))
+    cut = replace(analysis, fitted=replace(analysis.fitted, application=percent))
+    assert max(row[0] for row in profile(analysis)["rows"]) > most + 0.5
+    beyond = [row for row in profile(cut)["rows"] if max(row[:5]) > most + 0.05]
+    assert len(beyond) == 1  # that of the recommended settings, which the analysis cuts
+    for index in range(cut.region.k):
+        drawn = line(cut, index)
+        assert max(np.max(drawn.prediction.high), np.max(drawn.confidence.high), np.max(drawn.mean)) == most
+    assert np.max(surface(cut, *chosen_pairs(cut)[0]).mean) == most
 
 
 @pytest.mark.parametrize("off", [1.5, -1.5])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.region import Region
 from seqrsm.report.wording import (
     axis_label,
     fixed_label,
@@ -13,6 +15,7 @@ from seqrsm.report.wording import (
     readable,
     readable_term,
     readable_text,
+    told_settings,
 )
 
 
@@ -69,3 +72,15 @@ def test_a_setting_known_well_has_no_more_digits_than_a_sensor_can_be_set_to():
     resolution = ContinuousFactor("resolution", 30.0, 250.0, unit="m", scale="log")
     assert format_setting(resolution, 30.0324, 0.016, unit=False) == "30.03"
     assert format_setting(resolution, 141.482, 80.0, unit=False) == "140"
+    assert format_setting(ContinuousFactor("time", 2.0, 20.0, scale="log"), 2.48045, 8.0) == "2.5"  # 2 is a bound
+
+
+def test_rounded_settings_obey_the_constraints():
+    """At 1.4 GHz, 190 m for 192.8 m would ask for an antenna of more than 2 m: the settings are then those of a run."""
+    factors = ContinuousFactor("frequency", 1.4, 10.7, scale="log"), ContinuousFactor("resolution", 30.0, 250.0)
+    spreads = {"frequency": 2.0, "resolution": 95.0}
+    free, held = Region(factors), Region(factors, (Constraint("1.2 * (0.29979 / frequency) * 1500 / resolution <= 2"),))
+    at = {"frequency": 1.4, "resolution": 192.7223}
+    assert told_settings(free, at, spreads) == {"frequency": "1.4", "resolution": "190"}
+    assert told_settings(held, at, spreads) == {"frequency": "1.4", "resolution": "192.8"}
+    assert told_settings(held, {**at, "resolution": 204.0}, spreads)["resolution"] == "200"

@@ -32,7 +32,9 @@ def coverage_picture(path: Path, rows: dict[str, list[Row]]) -> None:
         axis.set_yticks(place, [f"{row.name}{' (at least)' if row.at_least else ''}" for row in found], fontsize=7)
         axis.set_title(name, loc="left", fontsize=9)
         axis.set_ylim(-0.7, len(found) - 0.3)
-        axis.set_xlim(-4.0, 6.0)
+    every = [row for found in groups.values() for row in found]
+    ends = [100.0 * (row.share - row.nominal + side * 2.0 * row.error) for row in every for side in (-1.0, 1.0)]
+    axes[0, 0].set_xlim(min(-4.0, *ends) - 0.2, max(6.0, *ends) + 0.2)
     axes[-1, 0].set_xlabel("share less nominal [%]; bars: two Monte Carlo standard errors; band: 1 %")
     figure.tight_layout()
     figure.savefig(path, dpi=110, bbox_inches="tight")

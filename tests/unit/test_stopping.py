@@ -56,7 +56,8 @@ def test_all_parts_hold_and_it_stops() -> None:
     [
         ("interval", {"s": 2.5}, "± 5.5"),
         ("runs", {"n_runs": 44}, "45 are required"),
-        ("pure_error", {"df_pure_error": 3}, "3 degrees"),
+        ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
+        ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
         ("lack_of_fit", {"lack_of_fit": 0.04}, "p = 0.04"),
     ],
 )

@@ -55,7 +55,7 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
     bar.ax.tick_params(labelsize=7)
     bar.set_ticks(_round_ticks(limits))
     lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
-    axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    labels = axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
     if np.any(surface.slack < 0.0):
         forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
         axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
@@ -64,6 +64,10 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
         )
     set_numeric_axis(axes, "x", x_factor)
     set_numeric_axis(axes, "y", y_factor)
+    for label in labels:  # one at the frame would be cut
+        place = (axes.transData - axes.transAxes).transform(label.get_position())
+        if np.min(np.minimum(place, 1.0 - place)) < 0.05:
+            label.remove()
     _scatter_over_surface(axes, analysis, surface)
 
 
@@ -145,13 +149,14 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
         color = drawing.SERIES[place % len(drawing.SERIES)]
         mean = np.where(one.allowed, one.mean, np.nan)
         if isinstance(factor, DiscreteFactor):
-            axes.vlines(x[one.allowed], one.confidence.low[one.allowed], one.confidence.high[one.allowed], color=color)
+            ends = one.confidence.low[one.allowed], one.confidence.high[one.allowed]
+            axes.vlines(x[one.allowed], *ends, color=color, clip_on=False)
         else:
             axes.fill_between(
                 x, one.confidence.low, one.confidence.high, where=one.allowed, color=color, alpha=0.2, linewidth=0
             )
         marker = "o" if isinstance(factor, DiscreteFactor) else None
-        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24))
+        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24), clip_on=False)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     axes.legend(frameon=False, fontsize=7)
@@ -166,10 +171,16 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     axes.plot(line.x, mean, color=drawing.BLUE)
     marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
-    axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
+    _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
+
+
+def _mark_optimum(analysis: Analysis, index: int, axes: Axes) -> None:
+    """Dash the recommended setting of a numeric factor, over the frame where it is a bound."""
+    at = float(numeric_factor(analysis, index).decode(analysis.optimum.point[index]))
+    axes.axvline(at, color=drawing.ORANGE, linestyle="--", linewidth=1.2, clip_on=False, zorder=3)
 
 
 def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
@@ -259,9 +270,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         share = np.histogram(draws, edges)[0] / max(draws.size, 1)
         natural = factor.decode(edges)
         axes.bar(natural[:-1], share, np.diff(natural), align="edge", color=drawing.BLUE, linewidth=0)
-        axes.axvline(
-            float(factor.decode(analysis.optimum.point[index])), color=drawing.ORANGE, linestyle="--", linewidth=1.2
-        )
+        _mark_optimum(analysis, index, axes)
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
     axes.set_xlabel(shortened(axis_label(factor), 44))
@@ -279,8 +288,6 @@ def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:
 def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec, axes: Axes) -> None:
     """Draw intervals at the optimum, each a bar, with the mean and the target about it."""
     mean = analysis.optimum.mean
-    widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
-    near = stop.half_width < _FAR * widest
     for place, (_, one) in enumerate(intervals):
         y = len(intervals) - 1 - place
         axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
@@ -289,7 +296,7 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
             # Over the middle, where the target's lines are not.
             text, middle = format_range(one.low, one.high, score_decimals(analysis)), 0.5 * (one.low + one.high)
             axes.annotate(text, (middle, y), ha="center", va="bottom", xytext=(0, 4), textcoords="offset points")
-    for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
+    for end in (mean - stop.half_width, mean + stop.half_width) if target_is_near(intervals, stop) else ():
         axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
     names = [name.replace(", ", ",\n") for name, _ in intervals]
     axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
@@ -297,6 +304,12 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
     axes.margins(x=0.2)
     axes.set_xlabel(score_label(analysis))
     axes.grid(visible=True, axis="x")
+
+
+def target_is_near(intervals: Sequence[tuple[str, Interval]], stop: StopSpec) -> bool:
+    """Whether the target half-width can be drawn with the intervals."""
+    widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
+    return stop.half_width < _FAR * widest
 
 
 def score_label(analysis: Analysis) -> str:

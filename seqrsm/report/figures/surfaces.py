@@ -105,7 +105,7 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
         y_index,
         numeric_factor(analysis, x_index).decode(coded),
         numeric_factor(analysis, y_index).decode(coded),
-        analysis.scale.to_score(analysis.belief.mean(points)).reshape(shape),
+        _scores(analysis, analysis.belief.mean(points)).reshape(shape),
         analysis.region.slack(points).reshape(shape),
     )
 
@@ -147,13 +147,18 @@ def _line(
     analysis: Analysis, index: int, natural: FloatArray, points: FloatArray, run_x: FloatArray, run_score: FloatArray
 ) -> Line:
     """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
-    shown, to_score = predict(analysis, points), analysis.scale.to_score
+    shown = predict(analysis, points)
     confidence, prediction = (
-        Interval(to_score(one.low, runs), to_score(one.high, runs))
+        Interval(_scores(analysis, one.low, runs), _scores(analysis, one.high, runs))
         for one, runs in ((shown.confidence, np.inf), (shown.prediction, 1.0))
     )
     allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
-    return Line(index, natural, to_score(shown.mean), confidence, prediction, allowed, run_x, run_score)
+    return Line(index, natural, _scores(analysis, shown.mean), confidence, prediction, allowed, run_x, run_score)
+
+
+def _scores(analysis: Analysis, values: FloatArray, runs: float = np.inf) -> FloatArray:
+    """Scores of values on the scale of the fit, as far as there can be such scores."""
+    return np.clip(analysis.scale.to_score(values, runs), *analysis.fitted.application.score_limits)
 
 
 def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.design.region import Region
 from seqrsm.report.blocks import (
     Block,
     Details,
@@ -35,6 +36,7 @@ from seqrsm.report.wording import (
     number_cell,
     readable,
     shortened,
+    told_settings,
     with_unit,
 )
 
@@ -45,7 +47,7 @@ MAX_FRONT_ROWS = 10
 MAX_FRONT_PANELS = 3
 
 
-def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> Section:
+def compromise_section(region: Region, found: CompromiseEstimate) -> Section:
     """Return the details of the compromise: its settings, and the Pareto front."""
     blocks: list[Block] = [
         Paragraph(
@@ -53,19 +55,18 @@ def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> 
             "individual desirabilities in the summary, from 0 (unacceptable) to 1 (ideal). Its expected shortfall from "
             f"the unknown best compromise is {format_number(found.expected_shortfall, 3)}."
         ),
-        _setting_table(factors, found),
+        _setting_table(region, found),
     ]
     if found.front_settings:
-        blocks.append(Details("Pareto front", (_front_table(factors, found),)))
+        blocks.append(Details("Pareto front", (_front_table(region.factors, found),)))
     return Section("compromise", "Details of the compromise", tuple(blocks))
 
 
-def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> tuple[Block, ...]:
+def compromise_summary(region: Region, found: CompromiseEstimate) -> tuple[Block, ...]:
     """Return what a summary says of several applications: the settings that serve them all, and their price."""
     drawn = (_front_figure(found),) if len(found.front_settings) > 1 and len(found.given_up) > 1 else ()
-    settings = listing(
-        [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
-    )
+    told = told_settings(region, found.settings, _spreads(found))
+    settings = listing([f"{readable(f.name)} {with_unit(told[f.name], f.unit)}" for f in region.factors])
     return (Paragraph(f"Recommended compromise: {settings}.", "lead"), *drawn, _loss_table(found))
 
 
@@ -97,20 +98,20 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
     drawing.light_grid(axes)
 
 
-def _spread(found: CompromiseEstimate, name: str) -> float:
-    interval = found.credible.get(name)
-    return math.nan if interval is None else interval.half_width
+def _spreads(found: CompromiseEstimate) -> dict[str, float]:
+    return {name: interval.half_width for name, interval in found.credible.items()}
 
 
-def _setting_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Table:
-    rows = []
-    for factor in factors:
-        interval, spread = found.credible.get(factor.name), _spread(found, factor.name)
-        ends = NOTHING
+def _setting_table(region: Region, found: CompromiseEstimate) -> Table:
+    rows, spreads = [], _spreads(found)
+    told = told_settings(region, found.settings, spreads)
+    for factor in region.factors:
+        interval, ends = found.credible.get(factor.name), NOTHING
         if interval is not None and not isinstance(factor, CategoricalFactor):
+            spread = spreads[factor.name]
             parts = (format_setting(factor, end, spread, unit=False) for end in (interval.low, interval.high))
             ends = " to ".join(parts)
-        rows.append((axis_label(factor), format_setting(factor, found.settings[factor.name], spread, unit=False), ends))
+        rows.append((axis_label(factor), told[factor.name], ends))
     columns = ("Factor", right("Setting"), f"{level_text(found.level)} credible interval")
     return table("Settings of the compromise", columns, rows)
 

@@ -14,12 +14,12 @@ from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.wording import (
     decimal_cell,
     factor_column,
-    format_setting,
     half_width_text,
     number_cell,
     score_decimals,
     score_text,
-    setting_spread,
+    setting_spreads,
+    told_settings,
     whole_cell,
     with_unit,
 )
@@ -65,19 +65,15 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
     factors, unit = analysis.region.factors, analysis.score_unit
     rows: list[tuple[Entry, ...]] = []
     for look in looks:
-        settings = (
-            format_setting(f, look.settings[f.name], setting_spread(analysis, f), unit=False)
-            if f.name in look.settings
-            else ""
-            for f in factors
-        )
+        known = all(f.name in look.settings for f in factors)
+        told = told_settings(analysis.region, look.settings, setting_spreads(analysis)) if known else {}
         width = format_significant(look.half_width, 3) if math.isfinite(look.half_width) else "none"
         rows.append(
             (
                 whole_cell(look.n_runs),
                 number_cell(width, look.half_width),
                 decimal_cell(look.mean, score_decimals(analysis)),
-                *settings,
+                *(told.get(f.name, "") for f in factors),
                 "yes" if look.held else "no",
             )
         )

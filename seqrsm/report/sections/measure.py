@@ -8,11 +8,17 @@ from collections.abc import Sequence
 from seqrsm.analysis.ground import RANKED, ranked_values
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
-from seqrsm.report.rounding import decimals_of_significant, format_change, format_number, format_significant
+from seqrsm.report.rounding import (
+    decimals_of_significant,
+    format_change,
+    format_number,
+    format_percent,
+    format_significant,
+)
 from seqrsm.report.wording import half_width_text, score_decimals
 from seqrsm.store.records import EventRecord
 
-_SHOWN = 10
+_SHOWN, _LEAST = 10, 0.005
 
 
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
@@ -30,6 +36,7 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     best = analysis.optimum
     if not found or best.ground is None or not best.of_ground > 0.0:
         return None
+    title = "Which covers to measure"
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     values = ranked_values(found[-1]["values"], of_ground)
     total = best.whole.half_width
@@ -38,6 +45,18 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         """Half-width where a share of the ground's variance is gone."""
         return math.sqrt(max(total**2 - share * best.of_ground**2, 0.0))
 
+    head = (
+        f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
+        f"{half_width_text(analysis, with_less(of_ground / (of_ground + chance)))}."
+    )
+    left = round(100.0 * (1.0 - sum(value["share"] for value in values)))
+    if left > 0:
+        head += f" {left} % of the table uncertainty is not due to the level of one cover, but to single channels, to"
+        head += " fields, to several covers together and, with several dates, to the season."
+    values = [value for value in values if value["share"] >= _LEAST]
+    least = format_percent(_LEAST)
+    if not values:
+        return Section(key, title, (Paragraph(f"{head} No cover alone has a share of {least}."),))
     largest = max(max(abs(value["up"]), abs(value["down"])) for value in values)
     unit, places = found[-1]["unit"], max(score_decimals(analysis), decimals_of_significant(largest, 2), 0)
     shown = values[:_SHOWN]
@@ -55,25 +74,17 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     )
     columns = (
         "Cover",
-        right("Mean, s.d."),
-        right("Score change, +1 / \u22121 s.d."),
+        right("Mean backscatter, s.d." if unit else "Mean emissivity, s.d."),
+        right("Score change, +1 / \u22121 s.d.", analysis.score_unit),
         right("Share"),
         right("Half-width if halved", analysis.score_unit),
     )
-    head = (
-        f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
-        f"{half_width_text(analysis, with_less(of_ground / (of_ground + chance)))}."
-    )
-    left = round(100.0 * (1.0 - sum(value["share"] for value in values)))
-    if left > 0:
-        head += f" {left} % of the table uncertainty is not due to the level of any one cover, but to single channels,"
-        head += " to fields, to several covers together and, where there are dates, to the course of the season."
     how = (
         " For each cover: the change of the score at the recommended settings when its tabulated mean is one standard "
         "deviation higher or lower, its share of the table uncertainty, and the half-width that would be left if that "
         "standard deviation were halved."
     )
-    caption = "Covers by their share of the table uncertainty"
+    caption = f"Covers by their share of the table uncertainty, {least} or more"
     if len(values) > _SHOWN:
         caption += f", the {_SHOWN} of {len(values)} with the largest"
-    return Section(key, "Which covers to measure", (Paragraph(head, method=how), table(caption, columns, rows)))
+    return Section(key, title, (Paragraph(head, method=how), table(caption, columns, rows)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,7 @@ from seqrsm.analysis.ground import LEVEL_WORLDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import DiscreteFactor, setting_with_unit
+from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, setting_with_unit
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.report.blocks import (
     Block,
@@ -38,6 +38,7 @@ from seqrsm.report.figures.optimum import (
     paint_optimum_posterior,
     paint_slice,
     slice_data,
+    target_is_near,
 )
 from seqrsm.report.figures.surfaces import (
     MAX_PAIRS,
@@ -111,8 +112,10 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
         first = _contours(analysis, slice(1))
     else:
         first = _slices(analysis, [analysis.region.names.index(ranked_factors(analysis)[0])])
-    beside = f"Right: {level_phrase(analysis)} intervals of the mean score and of future runs; dashed: the target"
-    return FigureBlock(lambda: (*first.panels, intervals), f"{first.caption} {beside} half-width.")
+    beside = f"Right: {level_phrase(analysis)} intervals of the mean score and of future runs"
+    if target_is_near(found, stop):
+        beside += "; dashed: the target half-width"
+    return FigureBlock(lambda: (*first.panels, intervals), f"{first.caption} {beside}.")
 
 
 def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
@@ -180,7 +183,9 @@ def _steps(analysis: Analysis) -> list[Block]:
         *(right(f"{level_phrase(analysis)} interval"), right("Pr(better)")),
         *((right("Pr(better here)"), right("Loss if kept", unit)) if on_ground else ()),
     )
-    caption = "Effect of changing one factor, the others as recommended; interval of the gain"
+    caption = (
+        "Effect of changing one factor, the others as recommended; the interval of the gain allows for selection bias"
+    )
     if on_ground:
         caption += (
             ". Pr(better): on average over the grounds that the tables allow; Pr(better here): on the actual ground, "
@@ -372,7 +377,7 @@ def _slice_panel(analysis: Analysis, index: int) -> Panel:
     return drawing.panel(readable(factor.name), alt, paint, f"slice {factor.name}", data)
 
 
-def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
+def _slices(analysis: Analysis, indices: Sequence[int]) -> FigureBlock:
     level = level_phrase(analysis)
     caption = (
         f"Slices through the optimum (dashed line). Line or diamonds: fitted mean; dark band: {level} confidence "
@@ -383,8 +388,14 @@ def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
     if missing:
         caption += f" No bands: {missing}."
     if not analysis.region.is_box:
-        caption += " Settings excluded by the constraints are left out; hollow diamonds are excluded levels."
+        caption += " Settings excluded by the constraints are left out"
+        caption += "; hollow diamonds: excluded levels." if _a_level_is_excluded(analysis, indices) else "."
     return FigureBlock(lambda: tuple(_slice_panel(analysis, index) for index in indices), caption, columns=3)
+
+
+def _a_level_is_excluded(analysis: Analysis, indices: Sequence[int]) -> bool:
+    of_levels = [i for i in indices if not isinstance(analysis.region.factors[i], ContinuousFactor)]
+    return any(not line(analysis, index).allowed.all() for index in of_levels)
 
 
 def _level_panel(analysis: Analysis, i: int, j: int) -> Panel:

@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
+from seqrsm.campaign.next_runs import rounded_settings as settings_of_run
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -292,7 +293,7 @@ def _cover_table(about_covers: AboutCovers) -> Table:
 
 
 def _channel_table(about_channels: AboutChannels) -> Table:
-    channels = list(dict.fromkeys(channel for _, channel, _ in about_channels))
+    channels = sorted({channel for _, channel, _ in about_channels})
     covers = list(dict.fromkeys(cover for cover, _, _ in about_channels))
     texts: dict[tuple[str, str], list[str]] = {}
     for cover, channel, text in about_channels:
@@ -309,12 +310,12 @@ def provenance_section(dossier: Dossier) -> Section:
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
     text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
     blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce), Paragraph(text)]
-    factors = dossier.spec.factors
-    found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
+    region, analyses = dossier.spec.region, dossier.analyses
+    made = settings_of_run(region, np.array([one.optimum.point for one in analyses]))
     rows = (
-        (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
-        for name, settings in found
+        (one.application, *(format_value(at[f.name]) for f in region.factors))
+        for one, at in zip(analyses, made, strict=True)
     )
-    caption = "Recommended settings to six digits, for repeating the run exactly"
-    blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
+    caption = "Recommended settings as a run has them, to repeat it exactly"
+    blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in region.factors)), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))

@@ -11,7 +11,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
-from seqrsm.report.rounding import format_p, format_plain, format_share, format_significant
+from seqrsm.report.rounding import format_p, format_percent, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
@@ -71,7 +71,7 @@ def summary_section(
     if compromise is None:
         found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", _made(spec, runs))
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
-    blocks = (*compromise_summary(spec.factors, compromise), _own_table(analyses))
+    blocks = (*compromise_summary(spec.region, compromise), _own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
     made = _made(spec, runs)
     values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
@@ -288,7 +288,7 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
 
 
 def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
-    parts = listing([f"{100.0 * share:.0f}\u00a0% {status}" for status, share in shares.items()])
+    parts = listing([f"{format_percent(share)} {status}" for status, share in shares.items()])
     return Paragraph(f"Table values used {where}, by area of the scene: {parts}.")
 
 

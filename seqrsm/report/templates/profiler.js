@@ -74,6 +74,13 @@
         });
         make(panel.svg, "polyline", { fill: "none", stroke: "var(--blue)", "stroke-width": 2,
           points: line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[0]); }).join(" ") });
+        // A sheet over what the constraints exclude, half way to the next allowed value.
+        line.forEach(function (one, i) {
+          if (one[5]) { return; }
+          var from = x((factor.x[i] + factor.x[Math.max(i - 1, 0)]) / 2);
+          var to = x((factor.x[i] + factor.x[Math.min(i + 1, line.length - 1)]) / 2);
+          make(panel.svg, "rect", { x: from, y: TOP, width: to - from, height: H - BOTTOM - TOP, fill: "var(--paper)", opacity: 0.8 });
+        });
         make(panel.svg, "line", { x1: x(factor.x[at[j]]), x2: x(factor.x[at[j]]), y1: TOP, y2: H - BOTTOM,
           stroke: "var(--orange)", "stroke-dasharray": "4 3" });
         make(panel.svg, "path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",

@@ -102,7 +102,7 @@ def simulate_radiometer(
     met = Meeting(frame, scan, lookups, occasion, air, planck_k, table, visit.day)
     ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
     mapped = radiation_map(met, radiometer, ground_k)
-    law = "Planck's law" if planck_k > 0.0 else "Rayleigh-Jeans"
+    law = "Planck's law" if planck_k > 0.0 else "the Rayleigh-Jeans law"
     notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
     return scan_image(
         met,
@@ -378,7 +378,7 @@ def _lines(mean_k: FloatArray, nedt_k: FloatArray, scan: ScanGeometry) -> tuple[
 
 
 _ENGINE_NOTES = (
-    "the craft moves during a sweep; within one footprint every row takes the time at which the axis crosses it",
-    "H and V are those of flat ground; ground is smooth to the sky it reflects, at its own slope",
+    "the aircraft moves during a sweep; each row of a footprint is seen when the antenna axis crosses it",
+    "emissivities are those of flat ground; the sky is reflected as by a smooth surface at the slope of the ground",
     "ground outside the scene is taken to be like the ground inside it",
 )
