@@ -17,6 +17,7 @@ from seqrsm.report.wording import (
     readable_text,
     told_settings,
 )
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
 
 
 @pytest.mark.parametrize(
@@ -40,15 +41,11 @@ def test_fixed_parameters_have_their_unit(name, value, label, unit):
     assert (fixed_label(name), fixed_unit(name, value)) == (label, unit)
 
 
-def test_every_number_of_a_radar_has_a_unit_or_is_a_pure_number():
-    from dataclasses import fields
-
-    from seqrsm.sensor.radar import RadarConfiguration
-
-    pure = {"looks", "n_bits", "adc_bits", "film_gamma", "film_k", "i_qc", "g_rc", "aperture", "fading", "earth"}
-    for field in fields(RadarConfiguration):
-        if "float" in str(field.type) and field.name not in pure and "tuple" not in str(field.type):
-            assert fixed_unit(field.name, 1.0), field.name
+def test_every_number_of_a_sensor_has_a_unit_or_is_a_pure_number():
+    pure = {"looks", "film_gamma", "film_k", "i_qc", "g_rc"}
+    for table in (RADAR, RADIOMETER):
+        numbers = {name for name, parameter in table.items() if parameter.kind == "number"}
+        assert {name for name in numbers if not fixed_unit(name, 1.0)} == pure & numbers
 
 
 def test_terms_of_sensor_parameters_do_not_look_like_units():
