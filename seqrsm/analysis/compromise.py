@@ -315,10 +315,11 @@ def compromise(
         found = np.clip([here[i], objective.mean(own[None, :])[0]], *objective.limits)
         value, own_best = float(found[0]), float(found[1])
         given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
+        spread = given_up
         if i in losses_of_draws:
             low, high = (float(x) for x in np.quantile(losses_of_draws[i], tail))
-            between = f" ({100 * level:g} % credible interval {low:.3g} to {high:.3g})"
-        spread = high - low if between else given_up
+            spread = 0.5 * (high - low)
+            between = f" ({100 * level:g} % credible interval {known(low, spread)} to {known(high, spread)})"
         suffix = f" {objective.unit}" if objective.unit else ""
         rows.append(
             GivenUp(
@@ -333,7 +334,7 @@ def compromise(
                 application=objective.application,
                 own_settings=region.decode(own)[0],
                 text=f"{objective.name}: {known(value, spread)}{suffix} against {known(own_best, spread)} at its own "
-                f"optimum, {given_up:.3g}{suffix} given up{between}.",
+                f"optimum, {known(given_up, spread)}{suffix} given up{between}.",
             )
         )
     means = np.clip(means, *np.array([objective.limits for objective in objectives]).T)

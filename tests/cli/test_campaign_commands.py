@@ -81,7 +81,7 @@ def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> N
     text = " ".join(ok("run", copy).split())
     assert "Which covers to measure" in text
     assert "of table uncertainty" in text
-    assert "Table values used at these settings, by area of the scene: " in text
+    assert "Table values used at these settings, by scored area: " in text
     ok("report", copy, "--html", copy / "report.html")
     page = (copy / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     assert "Which covers to measure" in page

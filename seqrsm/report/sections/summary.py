@@ -289,7 +289,7 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
 
 def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
     parts = listing([f"{format_percent(share)} {status}" for status, share in shares.items()])
-    return Paragraph(f"Table values used {where}, by area of the scene: {parts}.")
+    return Paragraph(f"Table values used {where}, by scored area: {parts}.")
 
 
 def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...]:

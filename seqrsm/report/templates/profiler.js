@@ -79,7 +79,8 @@
           if (one[5]) { return; }
           var from = x((factor.x[i] + factor.x[Math.max(i - 1, 0)]) / 2);
           var to = x((factor.x[i] + factor.x[Math.min(i + 1, line.length - 1)]) / 2);
-          make(panel.svg, "rect", { x: from, y: TOP, width: to - from, height: H - BOTTOM - TOP, fill: "var(--paper)", opacity: 0.8 });
+          make(panel.svg, "rect", { x: from, y: TOP, width: to - from, height: H - BOTTOM - TOP, fill: "var(--paper)", opacity: 0.8,
+            "shape-rendering": "crispEdges" });
         });
         make(panel.svg, "line", { x1: x(factor.x[at[j]]), x2: x(factor.x[at[j]]), y1: TOP, y2: H - BOTTOM,
           stroke: "var(--orange)", "stroke-dasharray": "4 3" });
