@@ -324,7 +324,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")
-    if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
+    if surface.fixed_blocks and len(set(block_labels(spec, data))) > len(set(data.sources)):
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(

@@ -207,6 +207,33 @@ def test_a_kind_that_has_nothing_to_tell_apart_is_the_plain_fit(
         np.testing.assert_equal(found[name], plain[name], err_msg=name)
 
 
+def test_flights_of_one_day_beside_simulations_are_flights(tmp_path: Path) -> None:
+    """The simulations are no other day, whose effect would take the difference between the two for its own."""
+    rows = [row | {"block": "d" if row["source"] == "flight" else ""} for row in FLOWN]
+    one, other = (
+        analysis_to_json(analysed(tmp_path / name, X + FREQUENCY, rows, model, MEASURED))
+        for name, model in (("days", '[model]\nblock = "block"\n'), ("none", ""))
+    )
+    for name in sorted(one):
+        np.testing.assert_equal(one[name], other[name], err_msg=name)
+
+
+def test_the_flights_mean_is_that_of_their_days_whatever_the_simulations_are(tmp_path: Path) -> None:
+    """Days that differ by -2, 0 and 2 about flights that score 6 above the simulations."""
+    model = '[model]\nblock = "block"\ndiscrepancy_sd = 6.0\n'
+    days = {f"d{k}": 2.0 * (k - 1) for k in range(3)}
+    rows = []
+    for i, row in enumerate(quadratic(36, 1)):
+        day = f"d{i // 2 % 3}" if i % 2 else ""
+        rows.append({**row, "source": "flight" if day else "simulation", "block": day})
+        rows[-1]["score"] += 6.0 + days[day] if day else 0.0
+    found = analysed(tmp_path / "c", X + FREQUENCY, rows, model, MEASURED)
+    assert found.sources is not None
+    assert found.sources.difference == pytest.approx(6.0, abs=1.0)
+    assert found.optimum.mean == pytest.approx(76.0, abs=1.0)
+    assert found.optimum.confidence.low < 76.0 < found.optimum.confidence.high
+
+
 def test_a_floor_is_told_by_its_cause(tmp_path: Path, capsys) -> None:
     """Scatter alone; with what the tables leave open where the stop rule counts that."""
     plain = analysed(tmp_path / "c", *KINDS["plain"])
