@@ -95,12 +95,15 @@ def analyse(
     fitted = fit_application(spec, application, runs, ground)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     of_quadratic = optimum(model, region, beta, goal)
-    draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
+    draws = alone = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
+    if application.prior is not None:  # the recommended settings and the score there rest on the scores alone
+        silent = replace(fitted, application=application.model_copy(update={"prior": None}))
+        alone = draw_coefficients(spec, silent, sampler="exact", n_draws=n_draws)
     belief = Belief(fitted.surface, fitted.departure, region, goal)
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
     taken_off = optimism(belief, best.point, rng)
-    estimate = _estimate(spec, fitted, belief, best, draws, taken_off)
+    estimate = _estimate(spec, fitted, belief, best, alone, taken_off)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     decision = _decision(spec, application, fitted, estimate, agreement)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
@@ -123,7 +126,7 @@ def analyse(
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
             + effects_left_out(application, posterior)
         ),
-        steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
+        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,
@@ -324,7 +327,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")
-    if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
+    if surface.fixed_blocks and len(set(block_labels(spec, data))) > len(set(data.sources)):
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(

@@ -135,9 +135,9 @@ def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
     return [tuple(row) for row in np.round(points, _SAME_SETTING_DECIMALS) + 0.0]
 
 
-def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = True) -> list[str]:
+def block_labels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
     """Block of each run: the flight day, where ``[model] block`` asks for it, and the source where there are two."""
-    source_too = with_source and len(set(data.sources)) > 1
+    source_too = len(set(data.sources)) > 1
     found = []
     for source, block in zip(data.sources, data.blocks, strict=True):
         parts = (source if source_too else "", block if spec.model.block is not None else "")

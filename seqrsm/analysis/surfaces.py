@@ -16,14 +16,14 @@ from numpy.random import Generator
 from seqrsm.analysis.runs import ScoredRuns, block_labels, counts_of
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import SourceFit, discrepancy_sd, fit_sources, source_prior, to_flight
+from seqrsm.decide.sources import SourceFit, blocks_within, discrepancy_sd, fit_sources, source_prior, to_flight
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit, block_columns
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.process import Sources
 from seqrsm.spec.read import CampaignSpec
 
@@ -289,13 +289,14 @@ class TwoSources(Surface):
         cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
     ) -> TwoSources:
         """See `fit_sources`."""
+        flights = np.array([source == "flight" for source in data.sources])
         found = fit_sources(
             model,
             data.points,
             scale.values,
-            [source == "flight" for source in data.sources],
+            flights,
             weights=fit.weights,
-            extra=block_columns(block_labels(spec, data, with_source=False))[0],
+            extra=blocks_within(block_labels(spec, data), flights),
             prior_sd=spec.model.discrepancy_sd,
         )
         note = (

@@ -13,12 +13,11 @@ from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, n_determined
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import source_prior, stacked_rows
+from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import SpecError
-from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import PLAN, Plan, propose_batch
 from seqrsm.propose.candidates import Source
@@ -179,7 +178,8 @@ class _Chooser:
         Z = stacked_rows(self.model, points, flights) if two else self.model.matrix(points)
         blocked = self.spec.model.block is not None
         new_day = blocked and source == "flight"
-        columns = _day_columns(done) if new_day else block_columns([run.block if blocked else "" for run in done])[0]
+        blocks = [run.block if blocked else "" for run in done]
+        columns = _day_columns(done) if new_day else blocks_within(blocks, flights)
         rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
@@ -246,8 +246,9 @@ def _day_columns(used: Sequence[_Made]) -> FloatArray:
 
     Zeros are the mean of the blocks flown: what the surface is known for now, and the new day is to be compared with.
     """
-    pending = np.array([run.pending and run.source == "flight" for run in used], dtype=np.bool_)
-    flown, _ = block_columns([run.block for run, waits in zip(used, pending, strict=True) if not waits])
+    flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
+    pending = flights & np.array([run.pending for run in used], dtype=np.bool_)
+    flown = blocks_within(np.array([run.block for run in used])[~pending].tolist(), flights[~pending])
     columns = np.zeros((len(used), flown.shape[1] + 1))
     columns[~pending, :-1] = flown
     columns[pending, -1] = 1.0

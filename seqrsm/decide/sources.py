@@ -23,6 +23,7 @@ from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, crossing, posterior, with_further
 from seqrsm.fit.intervals import Interval, Prediction, t_quantile
+from seqrsm.fit.least_squares import block_columns
 
 FEW_FLIGHTS = 4
 """With fewer flights the discrepancy is mostly its prior."""
@@ -56,6 +57,20 @@ def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray
     """
     Z = model.matrix(points)
     return np.hstack([Z, Z * np.asarray(is_flight)[:, None]])
+
+
+def blocks_within(blocks: Sequence[str], is_flight: BoolArray) -> FloatArray:
+    """Contrasts (n, e) of each source's own blocks (n,); of one source its `block_columns`.
+
+    Zeros are the mean of its blocks, which is what `stacked_rows` tell apart: a contrast of days with simulations would
+    take the difference between the two.
+    """
+    found = []
+    for own in (~is_flight, is_flight):
+        columns, _ = block_columns(np.array(blocks)[own])
+        found.append(np.zeros((len(own), columns.shape[1])))
+        found[-1][own] = columns
+    return np.hstack(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +306,7 @@ def fit_sources(
     weights : ndarray (n,), optional
         Relative weights within a source.
     extra : ndarray (n, e), optional
-        Columns of blocks.
+        Columns of blocks, `blocks_within`.
     prior_sd : float, optional
         Of each first-order coefficient of the discrepancy, score units, half of it for second order; a fifth of the
         standard deviation of the scores by default.

@@ -28,8 +28,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``effect``: a table of numeric factors and ``[least, most]``: bounds on the change of the mean score from the low to
     the high end of the factor's range, with the other factors at their centre (``-inf``, ``inf``: no bound; with
     response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` is required. The prior enters the
-    credible intervals of the optimal settings, the expected loss and the choice of runs; with normal errors the
-    recommended settings, the intervals of the score and the stop rule rest on the scores alone.
+    credible intervals of the optimal settings, the expected loss and the choice of runs; the recommended
+    settings, the intervals of the score and the stop rule rest on the scores alone.
 ``[[consideration]]``
     Another objective of the compromise, such as cost, build time or risk: ``name``; ``expr``: its value as a function
     of the factors in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize");

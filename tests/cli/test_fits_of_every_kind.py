@@ -126,6 +126,23 @@ def test_the_rule_may_watch_the_interval_of_the_mean(kind: str, document: dict, 
     assert analysis.decision.half_width == pytest.approx(known["confidence"]["half_width"], rel=0.1)  # of other draws
 
 
+@pytest.mark.parametrize(
+    "prior", ["utility = [1, 20]\nrepeat_sd = 1.0\nrepeat_runs = 200", "effect = { x = [40.0, inf] }"]
+)
+@pytest.mark.parametrize("errors", ["normal", "student_t", "beta_binomial"])
+def test_a_prior_far_from_the_scores_leaves_the_mean_in_its_interval(errors: str, prior: str, tmp_path: Path) -> None:
+    """Both rest on the scores alone, and so do the steps."""
+    factors, rows, model, application = KINDS["scattered counts" if errors == "beta_binomial" else "student"]
+    model = model.replace("student_t", errors)
+    prior = prior.replace("40.0", "0.0") if errors == "beta_binomial" else prior
+    folder = make(tmp_path / "c", factors, rows[:9], model, f"{application}[application.prior]\n{prior}\n")
+    (analysis,) = Campaign.open(folder).analyse_all(thorough=True)
+    best = analysis.optimum
+    assert best.confidence.low < best.mean < best.confidence.high
+    for step in analysis.steps:
+        assert step.interval.low <= step.gain <= step.interval.high
+
+
 def test_a_stationary_point_far_away_has_no_settings(analysis: Analysis, capsys) -> None:
     """A logarithmic factor reads 0.0 GHz there."""
     numeric = analysis.region.numeric
@@ -205,6 +222,33 @@ def test_a_kind_that_has_nothing_to_tell_apart_is_the_plain_fit(
     found = analysis_to_json(analysed(tmp_path / "c", X + FREQUENCY, rows, model, MEASURED))
     for name in sorted(plain.keys() - {"warnings"}):
         np.testing.assert_equal(found[name], plain[name], err_msg=name)
+
+
+def test_flights_of_one_day_beside_simulations_are_flights(tmp_path: Path) -> None:
+    """The simulations are no other day, whose effect would take the difference between the two for its own."""
+    rows = [row | {"block": "d" if row["source"] == "flight" else ""} for row in FLOWN]
+    one, other = (
+        analysis_to_json(analysed(tmp_path / name, X + FREQUENCY, rows, model, MEASURED))
+        for name, model in (("days", '[model]\nblock = "block"\n'), ("none", ""))
+    )
+    for name in sorted(one):
+        np.testing.assert_equal(one[name], other[name], err_msg=name)
+
+
+def test_the_flights_mean_is_that_of_their_days_whatever_the_simulations_are(tmp_path: Path) -> None:
+    """Days that differ by -2, 0 and 2 about flights that score 6 above the simulations."""
+    model = '[model]\nblock = "block"\ndiscrepancy_sd = 6.0\n'
+    days = {f"d{k}": 2.0 * (k - 1) for k in range(3)}
+    rows = []
+    for i, row in enumerate(quadratic(36, 1)):
+        day = f"d{i // 2 % 3}" if i % 2 else ""
+        rows.append({**row, "source": "flight" if day else "simulation", "block": day})
+        rows[-1]["score"] += 6.0 + days[day] if day else 0.0
+    found = analysed(tmp_path / "c", X + FREQUENCY, rows, model, MEASURED)
+    assert found.sources is not None
+    assert found.sources.difference == pytest.approx(6.0, abs=1.0)
+    assert found.optimum.mean == pytest.approx(76.0, abs=1.0)
+    assert found.optimum.confidence.low < 76.0 < found.optimum.confidence.high
 
 
 def test_a_floor_is_told_by_its_cause(tmp_path: Path, capsys) -> None:
