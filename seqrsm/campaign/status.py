@@ -107,9 +107,9 @@ def latest_look(
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
     if mine:
         found["last_look"] = mine[-1].summary
-    given = [run for run in runs if run.state == "scored" and run.score_of(application.name) is not None]
-    scored = [run for run in evidence(runs) if run in given]
-    newest = max((score.scored_at for run in given if (score := run.score_of(application.name))), default="")
+    given = {run.run_id: score for run in runs if run.state == "scored" and (score := run.score_of(application.name))}
+    scored = [run for run in evidence(runs) if run.run_id in given]
+    newest = max((score.scored_at for score in given.values()), default="")
     # Rankings change scores without adding any.
     if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
         look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)

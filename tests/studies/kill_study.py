@@ -101,11 +101,10 @@ def report() -> None:
     text = (
         f"{len(alive)} times a command was killed with SIGKILL at a seeded random moment (imports before the clock), "
         "and the campaign carried on to its end. After each kill the file was sound (`PRAGMA integrity_check`, foreign "
-        "keys), runs, scores, files and events told the same story, and every score that a reader had seen was there, "
-        "once and unchanged. Each campaign ended with exactly the scores, settings, batches and looks of the "
-        "undisturbed one. One failure of any of these would have stopped the study. Moments are uniform over the time "
-        "that the command takes undisturbed, over half of it for `run`, which goes on where it was and so is hit "
-        "several times on its way."
+        "keys), runs, scores, files and events were consistent, and every score that a reader had seen was there, "
+        "once and unchanged. Each campaign ended with exactly the scores, settings, batches and analyses of the "
+        "undisturbed one. Any failure would have stopped the study. Moments are uniform over the time that the command "
+        "takes undisturbed, over half of it for `run`, which continues where it was and is therefore hit several times."
     )
     lines = [
         text,
