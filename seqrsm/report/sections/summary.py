@@ -288,7 +288,7 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
 
 
 def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
-    parts = listing([f"{format_percent(share)} {status}" for status, share in shares.items()])
+    parts = listing([f"{format_percent(round(share, 6))} {status}" for status, share in shares.items()])
     return Paragraph(f"Table values used {where}, by scored area: {parts}.")
 
 
