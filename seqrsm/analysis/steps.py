@@ -28,13 +28,14 @@ class Step:
     level, over : float or str
         The value and the next smaller one; or a level of a categorical factor and the recommended level.
     mean : float
-        Score expected at ``level``, less what the recommended one's is less for having been chosen.
+        Score expected at ``level``: the recommended one's is less for having been chosen, no other one's is above it.
     gain : float
         By which it exceeds that at ``over``; negative where scores fall.
     interval : Interval
         Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add.
     better : float
-        Probability that the score at ``level`` is the better one, expected over all grounds.
+        Probability that the score at ``level`` is the better one, expected over all grounds; by the draws as they are,
+        since choosing the best by the same scores moves means and not, or hardly, these probabilities.
     better_here, loss_here : float
         Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the
         score that ``over`` is then expected to lose; nan where simulations did not compare the two.
@@ -99,14 +100,16 @@ def steps_of(
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
         feasible = belief.region.feasible(points)
-        chosen = np.where(np.isclose(coded, point[j]), optimism, 0.0)
+        chosen = np.isclose(coded, point[j])
         parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
-        mean = scale.to_score(belief.mean(points)) - optimism
+        sign, mean = sign_of(belief.goal), scale.to_score(belief.mean(points))
+        top = sign * (mean[np.flatnonzero(chosen)] - optimism)
+        mean = sign * np.minimum(sign * mean, top[0] if len(top) else np.inf)
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]
-                interval = mixed_quantiles(gains, level).also_less(float(chosen[i] - chosen[over]))
-                gains = [(sign_of(belief.goal) * gain, share) for gain, share in gains]
+                interval = mixed_quantiles(gains, level).also_less(optimism * (float(chosen[i]) - float(chosen[over])))
+                gains = [(sign * gain, share) for gain, share in gains]
                 better, here = sum(share * float(np.mean(gain > 0.0)) for gain, share in gains), (math.nan, math.nan)
                 if (sd := sd_here.get((factor.name, str(values[i])))) is not None:
                     there = [(gain + sd * rng.standard_normal(len(gain)), share) for gain, share in gains]
