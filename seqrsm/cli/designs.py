@@ -116,7 +116,7 @@ def _optimal(
     if criterion.upper() not in known:
         raise _wrong("unknown criterion", f"Use one of {', '.join(known)}.", "--criterion", criterion)
     design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=fixed)
-    told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
+    told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": seed}
     return np.vstack([repeats, design.points]), told
 
 
