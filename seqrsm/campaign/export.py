@@ -19,7 +19,6 @@ from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
 from seqrsm.store.store import Store
 
-FORMAT = "seqrsm-export-1"
 # A spreadsheet takes a cell that begins so for a formula and runs it.
 _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -69,7 +68,6 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
 
 def _json_text(store: Store, spec: CampaignSpec) -> str:
     document = {
-        "format": FORMAT,
         "version": __version__,
         "campaign": store.info(),
         "seed": spec.seed,

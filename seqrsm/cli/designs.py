@@ -103,23 +103,6 @@ def read_prior_runs(path: Path, region: Region) -> FloatArray:
     return region.code([settings for _, settings in rows])
 
 
-def _optimal(
-    model: QuadraticModel, region: Region, prior: FloatArray, runs: int, centre: int, criterion: str, seed: int
-) -> tuple[FloatArray, dict[str, Any]]:
-    """Points, and what the search tells."""
-    if centre >= runs:
-        remedy = "Give fewer, or more --runs, which include those at the centre."
-        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", centre)
-    repeats = np.tile(region.centre(), (centre, 1))
-    fixed = np.vstack([prior, repeats])
-    known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
-    if criterion.upper() not in known:
-        raise _wrong("unknown criterion", f"Use one of {', '.join(known)}.", "--criterion", criterion)
-    design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=fixed)
-    told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
-    return np.vstack([repeats, design.points]), told
-
-
 def standalone_design(
     factors: tuple[Factor, ...],
     constraints: Sequence[str] = (),
@@ -166,10 +149,19 @@ def standalone_design(
     """
     if order not in (1, 2):
         raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", order)
+    known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
+    if criterion.upper() not in known:
+        raise _wrong("unknown criterion", f"Use one of {', '.join(known)}.", "--criterion", criterion)
+    if centre >= runs:
+        remedy = "Give fewer, or more --runs, which include those at the centre."
+        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", centre)
     region = Region(factors, tuple(Constraint(text) for text in constraints))
     model = QuadraticModel(factors, order)
     prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
-    points, told = _optimal(model, region, prior, runs, centre, criterion, seed)
+    repeats = np.tile(region.centre(), (centre, 1))
+    fixed = np.vstack([prior, repeats])
+    design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=fixed)
+    points = np.vstack([repeats, design.points])
     if random_order:
         points = points[generator(seed, 0, "order of runs").permutation(len(points))]
     report = evaluate_design(model, region, np.vstack([prior, points]))
@@ -185,7 +177,9 @@ def standalone_design(
         "settings": region.decode(points),
         **plain({name: getattr(report, name) for name in _QUALITY}),
         "warnings": _warnings(report),
-        **told,
+        "searches": design.starts,
+        "searches_that_ended_here": design.hits,
+        "seed": seed,
     }
 
 

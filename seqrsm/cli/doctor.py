@@ -1,4 +1,4 @@
-"""``seqrsm doctor``: the installation, and a campaign's database."""
+"""``seqrsm doctor``: the installation."""
 
 from __future__ import annotations
 
@@ -8,29 +8,17 @@ import platform
 import re
 import time
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from seqrsm import __version__
-from seqrsm.cli.console import AsJson, display, guarded, print_json, say
+from seqrsm.cli.console import AsJson, display, guarded, print_json
 
 
 @guarded
-def doctor(
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="A campaign whose database to check as well.")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Check the installation and a campaign's database. Also compiles the kernels."""
-    from seqrsm.campaign.campaign import Campaign
+def doctor(as_json: AsJson = False) -> None:
+    """Check the installation. Also compiles the kernels."""
     from seqrsm.cli.show import show_doctor
 
-    if folder is not None:
-        Campaign.open(folder).store.close()
-        say(f"{folder}: runs, scores, analyses and events are as recorded")
     with display("compiling the kernels"):
         result = examine()
     print_json(result) if as_json else show_doctor(result)

@@ -1,4 +1,4 @@
-"""The ``seqrsm scene`` commands: scenes made, drawn and shown."""
+"""The ``seqrsm scene`` commands: scenes made and shown."""
 
 from __future__ import annotations
 
@@ -62,7 +62,10 @@ def scene_import(
         parts=_parts(band or [], attribute or []),
         name=out.stem,
     )
-    _set_aside(out, replaced)
+    words = out.parent / "SCENE.md"
+    if replaced and words.exists():
+        words.replace(out.parent / "SCENE-of-template.md")
+        say(f"{words} describes the previous scene and was renamed SCENE-of-template.md")
     (n, size), (n_before, before) = field_sizes(scene.field_id), field_sizes(connected_patches(scene.cover))
     hectares, hectares_before = size * scene.cell_m**2 / 1e4, before * scene.cell_m**2 / 1e4
     say(
@@ -74,14 +77,6 @@ def scene_import(
             "warning: each patch of cover is treated as one field, far larger than real fields, which makes scores too "
             "high; give --parcels FILE, or divide them, as with --field-m 150"
         )
-
-
-def _set_aside(out: Path, replaced: bool) -> None:
-    """Rename the words on a template's scene, which are about another site than the scene that takes its place."""
-    words = out.parent / "SCENE.md"
-    if replaced and words.exists():
-        words.replace(out.parent / "SCENE-of-template.md")
-        say(f"{words} describes the previous scene and was renamed SCENE-of-template.md")
 
 
 def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
@@ -102,39 +97,6 @@ def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
     if problems:
         raise SceneError(*problems)
     return out
-
-
-@scene_app.command("synthetic")
-@guarded
-def scene_synthetic(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
-    rows: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from north to south.")] = 400,
-    cols: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from west to east.")] = 400,
-    cell_m: Annotated[float, typer.Option(min=0.01, help="Side of a cell [m].")] = 5.0,
-    categories: Annotated[
-        str, typer.Option(metavar="NAMES", help="Covers of the fields.")
-    ] = "Wheat,Corn,Vegetables,Grass,Trees",
-    field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
-    relief_m: Annotated[float, typer.Option(min=0.0, help="Height range of the terrain [m].")] = 30.0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random landscape.")] = 0,
-) -> None:
-    """Draw a synthetic scene. Terrain and fields."""
-    from seqrsm.scene.file import save_scene
-    from seqrsm.scene.synthetic import synthetic_scene
-
-    scene = synthetic_scene(
-        rows,
-        cols,
-        cell_m,
-        categories=[name.strip() for name in categories.split(",")],
-        field_m=field_m,
-        relief_m=relief_m,
-        seed=seed,
-    )
-    replaced = out.exists()
-    save_scene(scene, out)
-    _set_aside(out, replaced)
-    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, {scene.n_fields} fields")
 
 
 @scene_app.command("show")

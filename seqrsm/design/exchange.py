@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,55 +44,6 @@ def in_coordinates(model: QuadraticModel, region: Region, base: FloatArray, pull
     np.add.at(slope, model.first, (pulled * base[:, model.second]).T)
     np.add.at(slope, model.second, (pulled * base[:, model.first]).T)
     return slope[[model.columns[j].start for j in region.continuous]].T
-
-
-def lower(region: Region, start: FloatArray, value: Callable[[FloatArray], tuple[float, FloatArray]]) -> FloatArray:
-    """The design (n, k) moved downhill in ``value``, which gives its slope (n, c) too.
-
-    By scipy's L-BFGS-B in a box, by SLSQP within constraints.
-    """
-    free = list(region.continuous)
-    if not free:
-        return start
-
-    def design(x: FloatArray) -> FloatArray:
-        points = start.copy()
-        points[:, free] = x.reshape(-1, len(free))
-        return points
-
-    def valued(x: FloatArray) -> tuple[float, FloatArray]:
-        found, slope = value(design(x))
-        return found, slope.ravel()
-
-    def slacks(x: FloatArray) -> FloatArray:
-        return np.nan_to_num(region.slacks(design(x)), nan=-1.0, posinf=1.0, neginf=-1.0).ravel()
-
-    def slack_slopes(x: FloatArray) -> FloatArray:
-        n, c = len(start), len(free)
-        here, slopes = slacks(x).reshape(n, -1), np.zeros((n, len(region.constraints), n, c))
-        for column in range(c):
-            moved = x.reshape(n, c).copy()
-            # Inwards, so that a logarithm or root is not asked beyond the bound.
-            step = np.where(moved[:, column] > 0.0, -_DIFFERENCE, _DIFFERENCE)
-            moved[:, column] += step
-            slopes[range(n), :, range(n), column] = (slacks(moved).reshape(n, -1) - here) / step[:, None]
-        return slopes.reshape(-1, n * c)
-
-    constraints: Any = () if region.is_box else ({"type": "ineq", "fun": slacks, "jac": slack_slopes},)
-    options: Any = {"maxiter": _ITERATIONS, "ftol": _GAIN}
-    found = scipy.optimize.minimize(
-        valued,
-        start[:, free].ravel(),
-        jac=True,
-        method="SLSQP" if constraints else "L-BFGS-B",
-        bounds=[(-1.0, 1.0)] * (len(start) * len(free)),
-        constraints=constraints,
-        options=options,
-    )
-    moved = design(np.clip(found.x, -1.0, 1.0))
-    out = region.slack(moved) < 0.0
-    moved[out] = search.bisect(start[out], moved[out], region.slack)
-    return moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +178,55 @@ def _drawn(candidates: FloatArray, n: int, rng: np.random.Generator) -> FloatArr
     return chosen
 
 
-def _descended(model: QuadraticModel, region: Region, task: Task, points: FloatArray) -> tuple[float, FloatArray]:
-    """Value and design (n, k) with its continuous coordinates moved; as it was where that made it no better."""
-    moved = lower(region, points, lambda at: task.loss(model, region, at))
-    before, after = (task.value(model.matrix(one)) for one in (points, moved))
-    return (after, moved) if after > before else (before, points)
+def _descended(model: QuadraticModel, region: Region, task: Task, start: FloatArray) -> tuple[float, FloatArray]:
+    """Value and design (n, k) with its continuous coordinates moved; as it was where that made it no better.
+
+    By scipy's L-BFGS-B in a box, by SLSQP within constraints.
+    """
+    before = task.value(model.matrix(start))
+    free = list(region.continuous)
+    if not free:
+        return before, start
+
+    def design(x: FloatArray) -> FloatArray:
+        points = start.copy()
+        points[:, free] = x.reshape(-1, len(free))
+        return points
+
+    def valued(x: FloatArray) -> tuple[float, FloatArray]:
+        found, slope = task.loss(model, region, design(x))
+        return found, slope.ravel()
+
+    def slacks(x: FloatArray) -> FloatArray:
+        return np.nan_to_num(region.slacks(design(x)), nan=-1.0, posinf=1.0, neginf=-1.0).ravel()
+
+    def slack_slopes(x: FloatArray) -> FloatArray:
+        n, c = len(start), len(free)
+        here, slopes = slacks(x).reshape(n, -1), np.zeros((n, len(region.constraints), n, c))
+        for column in range(c):
+            moved = x.reshape(n, c).copy()
+            # Inwards, so that a logarithm or root is not asked beyond the bound.
+            step = np.where(moved[:, column] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+            moved[:, column] += step
+            slopes[range(n), :, range(n), column] = (slacks(moved).reshape(n, -1) - here) / step[:, None]
+        return slopes.reshape(-1, n * c)
+
+    constraints: Any = () if region.is_box else ({"type": "ineq", "fun": slacks, "jac": slack_slopes},)
+    options: Any = {"maxiter": _ITERATIONS, "ftol": _GAIN}
+    found = scipy.optimize.minimize(
+        valued,
+        start[:, free].ravel(),
+        jac=True,
+        method="SLSQP" if constraints else "L-BFGS-B",
+        bounds=[(-1.0, 1.0)] * (len(start) * len(free)),
+        constraints=constraints,
+        options=options,
+    )
+    moved = design(np.clip(found.x, -1.0, 1.0))
+    out = region.slack(moved) < 0.0
+    moved[out] = search.bisect(start[out], moved[out], region.slack)
+    after = task.value(model.matrix(moved))
+    return (after, moved) if after > before else (before, start)
 
 
 def _from_anywhere(

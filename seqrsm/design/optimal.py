@@ -34,15 +34,12 @@ class Design:
     hits, starts : int
         How many of the local searches ended at this value: one or two of hundreds mean that a longer search may find
         a better design.
-    seed : int
-        Seed that gives this design again.
     """
 
     points: FloatArray
     value: float
     hits: int
     starts: int
-    seed: int
 
 
 def optimal_design(
@@ -95,7 +92,7 @@ def optimal_design(
     if hits == 0:
         raise _singular(model, region)
     value = _value(model, np.vstack([kept, points]), weights)
-    return Design(points, value, hits, made, seed)
+    return Design(points, value, hits, made)
 
 
 def start_design(

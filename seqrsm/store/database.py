@@ -37,8 +37,6 @@ RECONNECT_S = 60.0
 """How long a server that was there may be away, as when it is started again, before a transaction is given up [s]."""
 _SERVER_LIMITS = f"-c lock_timeout={BUSY_TIMEOUT_S:.0f}s -c statement_timeout=120s"
 """Further limits of a server: 10 s to connect, 60 s for what was sent to arrive."""
-# Identifies a campaign's file to `file` and to us; any constant does.
-_APPLICATION_ID = 0x52534D31
 
 
 def utc_now(ago_s: float = 0.0) -> str:
@@ -218,8 +216,6 @@ class Database:
                 connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
                 connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
                 connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": VERSION})
-                if connection.dialect.name == "sqlite":
-                    connection.exec_driver_sql(f"PRAGMA application_id = {_APPLICATION_ID}")
 
     # -- errors ---------------------------------------------------------------------------------------------------
 

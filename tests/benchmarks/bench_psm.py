@@ -242,7 +242,6 @@ def scenes_by_command(n: int) -> dict[str, float]:
         return {
             "scene import": peak_gb(folder, "scene", "import", *imported),
             "scene show": peak_gb(folder, "scene", "show", "i.npz"),
-            "scene synthetic": peak_gb(folder, "scene", "synthetic", f"--rows={n}", f"--cols={n}", "--out=s.npz"),
         }
 
 

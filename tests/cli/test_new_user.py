@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
@@ -242,14 +243,31 @@ def test_a_form_that_cannot_be_written_issues_no_runs(tiny) -> None:
 
 def test_words_on_a_templates_scene_do_not_stay_beside_another_scene(tmp_path: Path) -> None:
     made, scene = tmp_path / "mine", tmp_path / "mine" / "scene.npz"
-    command = ["scene", "synthetic", "--out", str(scene), "--rows", "20", "--cols", "20"]
     assert CliRunner().invoke(app, ["init", str(made), "--template", "limburg-radar"]).exit_code == 0
     about = (made / "SCENE.md").read_text(encoding="utf-8")
-    done = CliRunner().invoke(app, command)
+    for name, value in (("dem", 5), ("cover", 1)):
+        tags = [(33550, 12, 3, (5.0, 5.0, 0.0), True), (33922, 12, 6, (0.0, 0.0, 0.0, 1000.0, 5000.0, 0.0), True)]
+        keys = (34735, 3, 16, (1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 31370), True)
+        tifffile.imwrite(tmp_path / f"{name}.tif", np.full((20, 20), value, np.uint8), extratags=[*tags, keys])
+    (tmp_path / "legend.csv").write_text("code,category\n1,Wheat\n", encoding="utf-8")
+    given = [f"--elevation={tmp_path / 'dem.tif'}", f"--cover={tmp_path / 'cover.tif'}"]
+    done = CliRunner().invoke(
+        app, ["scene", "import", *given, f"--legend={tmp_path / 'legend.csv'}", "--out", str(scene)]
+    )
     assert done.exit_code == 0, done.output
     assert "SCENE-of-template.md" in done.output
     assert not (made / "SCENE.md").exists()
     assert (made / "SCENE-of-template.md").read_text(encoding="utf-8") == about
+
+
+def test_too_little_memory_is_told_in_one_line(tmp_path: Path, monkeypatch) -> None:
+    def none_left(*_arguments: object) -> None:
+        raise MemoryError("Unable to allocate 3 GiB")
+
+    monkeypatch.setattr("seqrsm.scene.file.load_scene", none_left)
+    told = CliRunner().invoke(app, ["scene", "show", str(tmp_path / "scene.npz")])
+    assert told.exit_code == 2
+    assert "not enough memory: Unable to allocate 3 GiB" in told.stderr
 
 
 @pytest.mark.parametrize(

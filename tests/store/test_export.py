@@ -60,7 +60,6 @@ def test_json_holds_everything(filled):
     store, spec, folder = filled
     assert export(store, spec, folder / "all.json") == (folder / "all.json",)
     document = json.loads((folder / "all.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert document["format"] == "seqrsm-export-1"
     assert document["runs"] == json.loads(json.dumps([asdict(run) for run in store.runs()]))
     assert document["events"] == [asdict(event) for event in store.events()]
     assert document["looks"] == [asdict(look) for look in store.looks()]
