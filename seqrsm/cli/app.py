@@ -31,7 +31,6 @@ from seqrsm.cli.console import (
     show_table,
     stop_on_signals,
 )
-from seqrsm.cli.doctor import doctor
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
 from seqrsm.errors import SpecError, UserError
@@ -541,5 +540,4 @@ def export(
     say(f"wrote {file}")
 
 
-app.command()(doctor)
 app.command()(schema)

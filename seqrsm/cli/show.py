@@ -129,17 +129,6 @@ def show_design(result: Mapping[str, Any]) -> None:
         line(f"Warning: {warning}")
 
 
-def show_doctor(result: Mapping[str, Any]) -> None:
-    """State of the environment."""
-    line(f"seqrsm {result['seqrsm']}, Python {result['python']}, {result['system']}, {result['cpus']} processors")
-    line(", ".join(f"{name} {version or 'MISSING'}" for name, version in result["packages"].items()))
-    for name, version in result["extras"].items():
-        line(f"{name}: {version}")
-    times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result["warm_up_s"].items())
-    place = result["kernel_cache"] or "no folder (none is this user's alone: they are compiled anew each time)"
-    line(f"compiled kernels in {place}: {times}")
-
-
 def show_parameters(rows: Sequence[Mapping[str, Any]]) -> None:
     """Parameters of a sensor, one statement each."""
     for head, chosen in (

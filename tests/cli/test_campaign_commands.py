@@ -409,12 +409,6 @@ def test_what_the_catalog_does_not_know_is_an_error_that_tells_similar_names(opt
         assert f"(got '{' '.join(words)}')" in done.stderr
 
 
-def test_doctor_warms_up() -> None:
-    document = json.loads(ok("doctor", "--json"))
-    assert document["packages"]["numba"]
-    assert set(document["warm_up_s"]) == {"simulation"}
-
-
 def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> None:
     ok("report", copy, "--html", copy / "before.html")
     assert "cannot be built" not in (copy / "before.html").read_text(encoding="utf-8").partition("Appendix")[0]

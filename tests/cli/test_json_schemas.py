@@ -98,10 +98,6 @@ def test_commands_without_a_campaign(words: str) -> None:
     document(*words.split())
 
 
-def test_doctor() -> None:
-    document("doctor")
-
-
 def test_a_campaign_before_its_first_score(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLES / "flevoland", tmp_path / "c")
     assert document("status", tmp_path / "c")["applications"][0]["last_look"] is None
