@@ -12,6 +12,7 @@ import argparse
 import csv
 import io
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -69,9 +70,9 @@ def regenerate(campaign: Path, folder: Path, workers: int) -> dict[str, bytes]:
 
 def _seqrsm(folder: Path, *arguments: str) -> str:
     """Run one command; its stdout. A budget that ended before the stop rule held is an end, too."""
-    done = subprocess.run(
-        [sys.executable, "-m", "seqrsm", *arguments], cwd=folder, stdout=subprocess.PIPE, text=True, check=False
-    )
+    surroundings = {**os.environ, "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"}  # not what is installed
+    command = [sys.executable, "-m", "seqrsm", *arguments]
+    done = subprocess.run(command, cwd=folder, env=surroundings, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode not in (0, BUDGET_SPENT):
         raise SystemExit(f"seqrsm {' '.join(arguments)} ended with {done.returncode}")
     return done.stdout
