@@ -102,7 +102,8 @@ def specification(site: Site) -> str:
     )
     fixed = "".join(f"{name} = {json.dumps(value)}\n" for name, value in site.fixed.items())
     return (
-        f'[campaign]\nname = "study"\nseed = 7\n{factors}[[application]]\nname = "ground-cover"\nutility = "percent_correct"\n'
+        f'[campaign]\nname = "study"\nseed = 7\n{factors}'
+        '[[application]]\nname = "ground-cover"\nutility = "percent_correct"\n'
         f'[simulator]\nengine = "{site.engine}"\nscene = "scene.npz"\n[simulator.fixed]\n{fixed}'
         f'[stop]\ninterval = "confidence"\nhalf_width = 0.01\nmax_runs = {RUNS}\n'
     )
