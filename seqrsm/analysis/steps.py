@@ -103,8 +103,8 @@ def steps_of(
         chosen = np.isclose(coded, point[j])
         parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
         sign, mean = sign_of(belief.goal), scale.to_score(belief.mean(points))
-        top = sign * (mean[np.flatnonzero(chosen)] - optimism)
-        mean = sign * np.minimum(sign * mean, top[0] if len(top) else np.inf)
+        most = np.min(sign * (mean[chosen] - optimism), initial=np.inf)
+        mean = sign * np.minimum(sign * mean, most)
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]

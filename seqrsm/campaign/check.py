@@ -27,6 +27,7 @@ from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, sim
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
+from seqrsm.plain import counted
 from seqrsm.rng import generator
 from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
@@ -143,7 +144,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     if spec.simulator is not None:
         noise, share, df, seconds, notes = _probe_noise(spec, progress)
         spread = float("nan") if analysis is not None else _spread(spec, noise)
-        source = f"simulations at the centre, {df} degrees of freedom"
+        source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
         covers = scene_at(str(spec.scene_path)).categories
     elif analysis is not None:
         noise, df = float(analysis.fit.s), analysis.fit.df_residual

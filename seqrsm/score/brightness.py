@@ -137,17 +137,17 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     block, n_blocks = squares_of(scene, BLOCK_M)
     ground = expected_ground(image, scene, pixel)
     radiometer = image.radiometer
-    n_pixels, every = image.brightness_k[0].size, slice(None)
+    n_pixels = image.brightness_k[0].size
     spread = region_spread(scene, radiometer)
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    dry, wet = np.moveaxis(_expected_k(image, ground, every, [0, len(MOISTURE_NODES) - 1]), -1, 0)
+    dry, wet = np.moveaxis(_expected_k(image, ground, slice(None), [0, len(MOISTURE_NODES) - 1]), -1, 0)
     slope = (wet - dry) / (MOISTURE_NODES[-1] - MOISTURE_NODES[0])
     together, apart = (_covariance(image, ground, slope, common=both) for both in (True, False))
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
     below, part = _between_nodes(np.array(middle))
-    low, high = np.moveaxis(_expected_k(image, ground, every, [int(below), int(below) + 1]), -1, 0)
+    low, high = np.moveaxis(_expected_k(image, ground, slice(None), [int(below), int(below) + 1]), -1, 0)
     away = (image.brightness_k - (low + part * (high - low))).reshape(len(slope), -1)
     share = ground.share.reshape(n_pixels, -1)
     seen = np.isfinite(away).all(axis=0) & (share.sum(axis=1) > 0.0)
@@ -162,8 +162,8 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     if seen.any():
         # Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
         wetted = apart + spread**2 * np.einsum("asl,bsl->slab", slope, slope)
-        off = np.square(_whitened(np.nan_to_num(away - level_k).reshape(*slope.shape, 1), wetted))
-        scatter = float(off.reshape(len(slope), -1)[:, seen].sum(axis=0).mean()) / len(slope)
+        off = mahalanobis(np.nan_to_num(away - level_k).reshape(*slope.shape, 1), wetted)
+        scatter = float(off.ravel()[seen].mean()) / len(slope)
     moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
     found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
@@ -258,7 +258,7 @@ def _covariance(image: RadiometerImage, ground: ExpectedGround, slope_k: FloatAr
 
 
 def mahalanobis(away: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Squares of Mahalanobis distances (n, m) of departures (d, n, m) with covariances (n, d, d)."""
+    """Squares of Mahalanobis distances (..., m) of departures (d, ..., m) with covariances (..., d, d)."""
     return np.asarray(np.square(_whitened(away, covariance)).sum(axis=0))
 
 

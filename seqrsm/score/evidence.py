@@ -131,7 +131,7 @@ def evidence_of(
     known : KnownMap, optional
         A map of the ground that is there already.
     """
-    base = min(images, key=_side_m)
+    base = finest(images)
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id, tile_m=tile_m)
     each = _on_pixels(images, base, pixels, lambda image: layers_of(image, smooth=by == "neighbourhood"))
     radar = [isinstance(image, RadarImage) for image in images]
@@ -492,6 +492,11 @@ def seen_pixels(image: RadiometerImage) -> AnyArray:
     pixel = image.pixel_of_cell.copy()
     pixel[(pixel >= 0) & blind[np.maximum(pixel, 0)]] = -1
     return pixel
+
+
+def finest(images: Sequence[Image]) -> Image:
+    """The image with the smallest pixels, the first of several."""
+    return min(images, key=_side_m)
 
 
 def _side_m(image: Image) -> float:
