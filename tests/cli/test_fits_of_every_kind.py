@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_campaign import FREQUENCY, MEASURED, PERCENT, POL, X, counted, days, make, quadratic
+from measured_campaign import FREQUENCY, HEAD, MEASURED, PERCENT, POL, STOP, X, counted, days, make, quadratic
 from typer.testing import CliRunner
 
 from seqrsm.analysis.ground import Ground
@@ -276,3 +276,9 @@ def test_status_gives_every_width_the_unit_of_the_scores(tmp_path: Path, monkeyp
     widths = re.findall(r"\u00b1 [\d.]+ ?(\w*)", told)
     assert len(widths) >= 2, told
     assert set(widths) == {"dB"}, told
+
+
+def test_status_of_runs_that_wait_for_their_scores_looks_at_none(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(HEAD + X + MEASURED + STOP, encoding="utf-8")
+    assert CliRunner().invoke(app, ["propose", str(tmp_path)]).exit_code == 0
+    assert "no scored run yet" in CliRunner().invoke(app, ["status", str(tmp_path)]).output
