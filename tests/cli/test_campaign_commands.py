@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
-from seqrsm.analysis.ground import RANKED
+from seqrsm.analysis.ground import RANKED, Ground
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, one_away_tasks, task_of
 from seqrsm.cli.app import app
@@ -134,6 +135,10 @@ def test_covers_that_matter_are_moved_on_more_occasions(copy, monkeypatch) -> No
     values = {v["category"]: v for v in campaign.store.events(kind=RANKED)[-1].detail["values"]}
     assert (values["Grass"]["up"], values["Grass"]["down"]) == pytest.approx((9.0, -18.0))
     assert values["Bareground"]["up"] == 0.0
+    moved.clear()
+    far = [replace(a, optimum=replace(a.optimum, ground=Ground(200.0, 1.0, 16, 32, 0.98))) for a in analyses]
+    campaign.rank_values(far)  # of which no cover alone explains a twentieth
+    assert {run for _, run in moved} == {min(occasions[None])}
 
 
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
