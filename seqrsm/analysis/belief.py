@@ -127,7 +127,7 @@ class Belief:
         if process is None:
             return of_quadratic
         sign = sign_of(self.goal)
-        of_process = climb(lambda at: sign * process.mean(at), self.region, self._starts(made), rng)[:8]
+        of_process = climb(lambda at: sign * process.few.mean(at), self.region, self._starts(made), rng)[:8]
         starts = np.vstack([of_quadratic.point[None, :], of_process])
         (point, *_) = climb(lambda at: sign * self.mean(at), self.region, starts, rng)
         return replace(

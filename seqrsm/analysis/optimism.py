@@ -14,6 +14,8 @@ Measured: ``reports/statistics``, "at the recommended settings", and ``reports/p
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 
 from seqrsm.analysis.belief import Belief
@@ -23,8 +25,8 @@ from seqrsm.fit.optimum import sign_of
 from seqrsm.fit.process import Process
 from seqrsm.store.records import CONFIRMATION
 
-_SETS, _COVER, _NEAR = 200, 500, 300
-"""New sets of scores, and settings among which each set chooses."""
+_SETS, _OF_PROCESS, _COVER, _NEAR = 200, 1000, 500, 300
+"""New sets of scores, of the process, whose sets cost little, and settings among which each set chooses."""
 
 _FOR_THE_OPTIMUM = ("optimum", "regret", CONFIRMATION)
 """Purposes of runs that lie where the scores before them had the optimum."""
@@ -53,11 +55,17 @@ def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> flo
         return 0.0
     near = np.vstack([region.jitter(np.repeat(point[None, :], _NEAR, axis=0), radius, rng) for radius in (0.4, 0.15)])
     at = np.vstack([made, point[None, :], region.sample(_COVER, rng), near[region.feasible(near)]])
-    noise = np.empty((_SETS, len(made)))
-    noise[:, np.lexsort(made.T)] = sign * _normal(len(made), rng)  # whatever the order of the runs
-    found = (1.0 - share) * _of_quadratic(surface, at, sign, noise, rng) if share < 1.0 else 0.0
+
+    other = deepcopy(rng)  # what one surface draws does not depend on whether the other is believed
+
+    def noise(sets: int, rng: np.random.Generator) -> FloatArray:
+        drawn = np.empty((sets, len(made)))
+        drawn[:, np.lexsort(made.T)] = sign * _normal(sets, len(made), rng)  # whatever the order of the runs
+        return drawn
+
+    found = (1.0 - share) * _of_quadratic(surface, at, sign, noise(_SETS, rng), rng) if share < 1.0 else 0.0
     if process is not None:
-        found += share * _of_process(process, surface.fit.y, at, sign, noise)
+        found += share * _of_process(process, surface.fit.y, at, sign, noise(_OF_PROCESS, other))
     return float(sign * max(sign * found, 0.0))
 
 
@@ -73,7 +81,7 @@ def _of_quadratic(surface: Surface, at: FloatArray, sign: float, noise: FloatArr
         return _above(_replayed(surface, rows, true, later, sign, noise), true, n, sign)
     size, axes = np.linalg.eigh(surface.error_covariance)
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T  # symmetric: the same, whatever the order of the runs
-    return _above(true + sign * _normal(len(size), rng) @ (rows @ root).T, true, n, sign)
+    return _above(true + sign * _normal(_SETS, len(size), rng) @ (rows @ root).T, true, n, sign)
 
 
 def _replayed(
@@ -139,7 +147,7 @@ def _above(told: FloatArray, true: FloatArray, n: int, sign: float) -> float:
     return float(np.mean(told[np.arange(len(told)), chosen] - true[chosen]))
 
 
-def _normal(n: int, rng: np.random.Generator) -> FloatArray:
+def _normal(sets: int, n: int, rng: np.random.Generator) -> FloatArray:
     """Standard normal numbers (sets, n), each half of the sets the other's negative: their mean is exactly 0."""
-    half = rng.standard_normal((_SETS // 2, n))
+    half = rng.standard_normal((sets // 2, n))
     return np.vstack([half, -half])

@@ -14,6 +14,7 @@ from seqrsm.arrays import FloatArray, IntArray
 _ROUNDS, _LATE, _DRAWS = 5, 3, 250  # rounds, those of them that count, and draws of each
 _DF, _WIDER = 6.0, 1.2  # of a kernel: degrees of freedom, and how much wider than the draws its variance is
 _OWN = 0.75  # share of the variance that is a kernel's own
+_AFAR = 38  # draws of a round that spread as far as the prior
 _LEAST = 60.0  # effective draws that the next round is placed by
 _FAR, _OUTSIDE = 4.9, -1e10  # largest coordinate of a peak, and the log density told where there is none
 _STEP, _WIDE_STEP = 1e-4, 0.03  # of differences: for slopes, and for curvatures
@@ -52,7 +53,10 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
     The first round is Student's distribution with the curvature of the peak (Tierney & Kadane 1986, J. Am. Stat. Assoc.
     81, 82-86). Each later one is a mixture of narrower ones about the weighted draws of the round before, drawn in
     so that their spread stays that of all (West 1993, Computing Science and Statistics 24, 325-333): it follows
-    ridges and bends that one distribution does not.
+    ridges and bends that one distribution does not. Some draws of each spread as far as the prior and find what lies
+    away from the peak (Hesterberg 1995, Technometrics 37, 185-194). Where the density still reaches further, single
+    draws would have most of the weight: but for the evidence, it is at most the mean times the root of their number
+    (Ionides 2008, J. Comput. Graph. Stat. 17, 295-311).
 
     Parameters
     ----------
@@ -63,12 +67,13 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
     """
     peak, spread = _peak(log_density, d)
     centres, shares, kernel = peak[None, :], np.ones(1), spread
-    rounds = []
+    near, prior, rounds = _DRAWS - _AFAR, (np.zeros((1, d)), np.ones(1), np.eye(d)), []
     for _ in range(_ROUNDS):
         root = np.asarray(np.linalg.cholesky(_WIDER * kernel), dtype=np.float64)
         wide = rng.standard_normal((_DRAWS, d)) / np.sqrt(rng.chisquare(_DF, (_DRAWS, 1)) / _DF)
-        z = centres[_systematic(shares, _DRAWS, rng)] + wide @ root.T
-        logs = log_density(z) - _log_mixture(z, centres, shares, root)
+        z = np.vstack([centres[_systematic(shares, near, rng)] + wide[:near] @ root.T, wide[near:]])
+        of_near, of_prior = _log_mixture(z, centres, shares, root), _log_mixture(z, *prior)
+        logs = log_density(z) - np.logaddexp(of_near + np.log(near / _DRAWS), of_prior + np.log(_AFAR / _DRAWS))
         rounds.append((z, logs))
         shares = _tempered(logs)
         centre, known = shares @ z, _effective(shares)
@@ -76,9 +81,10 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
         spread = (known * (apart.T * shares) @ apart + d * spread) / (known + d)
         centres, kernel = centre + np.sqrt(1.0 - _OWN) * apart, _OWN * spread
     draws, logs = (np.concatenate(parts) for parts in zip(*rounds[-_LATE:], strict=True))
-    shares = np.exp(logs - logs.max())
-    mean = float(logs.max() + np.log(np.mean(shares)))
-    return WeightedDraws(draws, shares / np.sum(shares), mean - 0.5 * d * np.log(2.0 * np.pi))
+    weights = np.exp(logs - logs.max())
+    mean = float(logs.max() + np.log(np.mean(weights)))
+    weights = np.minimum(weights, np.mean(weights) * np.sqrt(len(weights)))
+    return WeightedDraws(draws, weights / np.sum(weights), mean - 0.5 * d * np.log(2.0 * np.pi))
 
 
 def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -44,7 +46,8 @@ scatter; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _DIFFERENCE = (0.0, 0.4)  # of the logarithm of what the stated difference between sources is multiplied by
-_KEPT = 20
+_KEPT, _FEW = 100, 20
+"""Draws kept, and those of them that do where places are sought."""
 _FEATURES = 1000
 _CACHED = 2**16  # numbers that stay in the processor's cache
 
@@ -202,7 +205,8 @@ class Process:
     model : QuadraticModel
         Whose terms the trend has.
     hyper : Hyper
-        Twenty draws.
+        A hundred draws: of twenty, the ends of an interval would depend on one or two. Fewer from 112 settings on,
+        twenty at the least: the more runs, the less they differ.
     log_bayes_factor : float
         Log evidence for the process, less that for the quadratic with coefficients of the same free scale and equal
         noise: about 0 where the scores do not tell, > 3 where the quadratic is refuted.
@@ -263,9 +267,18 @@ class Process:
         self._prior = self._log_prior()
         mean, sd = self._prior
         found = weighted_draws(self._log_posterior, len(mean), rng)
-        self._keep(mean + sd * found.some(_KEPT, rng))
+        kept = min(_KEPT // _FEW, MOST_RUNS**2 // n**2) * _FEW
+        self._keep(mean + sd * found.some(kept, rng))
         self.effective_draws = found.effective
         self.log_bayes_factor = found.log_evidence - self._log_evidence_of_quadratic()
+
+    @cached_property
+    def few(self) -> Process:
+        """The same with a few of its draws, evenly spread over all."""
+        found, some = copy(self), slice(None, None, len(self._alpha) // _FEW)
+        found.hyper, found._own = self.hyper.some(some), self._own.some(some)
+        found._factors, found._alpha = self._factors[some], self._alpha[some]
+        return found
 
     def means(self, points: FloatArray) -> FloatArray:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
@@ -289,11 +302,13 @@ class Process:
 
         With other scores (b, n) the means are ``centre + (scores - centre) @ pull``; what the process rests on stays.
         """
-        cross = self._covariance(self.hyper, self._places(self.hyper, points), self._own)
-        found = np.zeros(cross.shape[:0:-1])
-        for factor, row in zip(self._factors, cross, strict=True):
-            found += cho_solve((factor, True), row.T, check_finite=False)
-        return np.asarray((found / self._runs[:, None] / len(cross))[self._place])
+        at, own, h = self._places(self.hyper, points), self._own, self.hyper
+        found = np.zeros((len(self._y), len(points)))
+        for some in _in_cache(len(self._alpha), found.size):
+            cross = self._covariance(h.some(some), at.some(some), own.some(some))
+            for factor, row in zip(self._factors[some], cross, strict=True):
+                found += cho_solve((factor, True), row.T, check_finite=False)
+        return np.asarray((found / self._runs[:, None] / len(self._alpha))[self._place])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""

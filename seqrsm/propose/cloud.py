@@ -110,6 +110,7 @@ class Cloud:
         pending : ndarray (w, k), optional
             Settings of runs that have no score yet.
         """
+        process = process.few
         still = made[region.feasible(made, tol=1e-9)]
         cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), still])
         of_draws = sign * process.means(cover)

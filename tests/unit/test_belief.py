@@ -170,7 +170,7 @@ def test_draws_of_the_optimum_are_those_of_the_process(narrow: Analysis) -> None
     assert points.shape == (1000, 2)
     assert np.all(values >= here)
     assert np.all(narrow.region.feasible(points))
-    means, variances = process.marginals(point[None, :])
+    means, variances = process.few.marginals(point[None, :])
     sd = np.sqrt(np.mean(variances) + np.var(means))
     assert np.mean(here) == pytest.approx(float(np.mean(means)), abs=5.0 * sd / np.sqrt(1000))
     assert np.median(np.linalg.norm(points - 0.3, axis=1)) < 0.3
