@@ -12,17 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import where_reached
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import climb, cloud_of
@@ -66,15 +63,12 @@ class Departure:
         return self.process if self.probability > 0.0 else None
 
 
-def weigh_departure(
-    model: QuadraticModel, data: ScoredRuns, fit: LeastSquaresFit, surface: Surface, seed: int, stated: bool
-) -> Departure:
+def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
 
-    ``model`` has all terms, those too that were left out by selection. ``stated``: campaign.toml states a prior of its
-    coefficients, which a process knows nothing of.
+    ``stated``: campaign.toml states a prior of its coefficients, which a process knows nothing of.
     """
-    n = len(fit.y)
+    model, fit, n = surface.model, surface.fit, len(surface.fit.y)
     reason = surface.no_departure
     if not reason and stated:
         reason = STATED
@@ -87,7 +81,7 @@ def weigh_departure(
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
     sources, nuisance = surface.for_process()
-    given = model, data.points, fit.y, fit.weights, nuisance
+    given = model, surface.data.points, fit.y, fit.weights, nuisance
     # What a look found is confirmed and sampled from by the same scores.
     process = recalled(lambda: Process(*given, generator(seed, n, "process"), sources), (given, seed, sources))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))

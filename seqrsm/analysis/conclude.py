@@ -105,7 +105,9 @@ def analyse(
     taken_off = optimism(belief, best.point, rng)
     estimate = _estimate(spec, fitted, belief, best, alone, taken_off)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
-    decision = _decision(spec, application, fitted, estimate, agreement)
+    # Whether the score without an image is that of a map that exists.
+    known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
+    decision = _decision(spec, application, fitted, estimate, agreement, known_map)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
@@ -120,7 +122,7 @@ def analyse(
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        known_map=_of_a_map(spec, application),
+        known_map=known_map,
         warnings=tuple(
             _warnings(spec, application, fitted, best)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
@@ -221,6 +223,7 @@ def _decision(
     fitted: Fitted,
     estimate: OptimumEstimate,
     agreement: Agreement | None,
+    known_map: bool,
 ) -> Decision:
     rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
     if surface.common_share and rule.interval != "confidence":  # which is of the average block
@@ -236,18 +239,13 @@ def _decision(
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
-        known_map=_of_a_map(spec, application),
+        known_map=known_map,
         lead=(estimate.mean - fitted.data.guess) * sign_of(application.goal),
         lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
         weighed=fitted.departure.process is not None,
         saturated=fitted.region.has_at_most(fitted.model.p),
     )
     return decide(rule, look, agreement, application.score_unit)
-
-
-def _of_a_map(spec: CampaignSpec, application: ApplicationSpec) -> bool:
-    """Whether the score without an image is that of a map that exists."""
-    return bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
 
 
 def _model_p(fitted: Fitted) -> float | None:

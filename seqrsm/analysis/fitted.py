@@ -90,12 +90,12 @@ def fit_application(
         worlds = {"discrepancy_sd": prior_of_difference(ground, model, data.points)}
         spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
-    departure = weigh_departure(model, data, fit, surface, spec.seed, spec.states_prior(application))
+    departure = weigh_departure(surface, spec.seed, spec.states_prior(application))
     if "flight" in data.sources:  # over the real ground
         ground = None
     elif ground is not None and scale.kind == "identity" and fit.df_residual:
         ground = ground.beside(fit.s, fit.df_residual)
-    return Fitted(application, region, model, data, scale, fit, surface, departure, ground)
+    return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
 
 
 def fit_surface(

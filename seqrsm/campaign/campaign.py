@@ -152,12 +152,7 @@ class Campaign:
     # -- proposing ------------------------------------------------------------------------------------------------
 
     def propose(
-        self,
-        n: int | None = None,
-        *,
-        source: str | None = None,
-        csv: Path | None = None,
-        analyses: Sequence[Analysis] | None = None,
+        self, n: int | None = None, *, source: str | None = None, csv: Path | None = None
     ) -> tuple[RunRecord, ...]:
         """Issue the next runs, flights in random order; the first call issues the initial design.
 
@@ -170,8 +165,6 @@ class Campaign:
             simulator, else flight, which is any measurement.
         csv : Path, optional
             Form for a flight crew, one row a run, the score left empty.
-        analyses : sequence of Analysis, optional
-            Of the scores as they are; made here if not given.
 
         Raises
         ------
@@ -185,7 +178,11 @@ class Campaign:
             raise UserError("the file exists already", "Name a new file.", file=str(csv))
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
             raise UserError("cannot write into this folder", "Name another file.", file=str(csv))
-        records = self._issue(n, source, analyses)
+        records: tuple[RunRecord, ...] | None = None
+        while records is None:  # where another process decided meanwhile, choose again from what there is now
+            self.store.mark()
+            with suppress(OvertakenError):
+                records = self.decide(n, source)
         if csv is not None:
             self.write_form(csv, records)
         return records
@@ -205,14 +202,6 @@ class Campaign:
             raise UserError("no flight is issued", "Issue flights first: seqrsm propose DIR --source flight")
         write_form(file, self.spec, wanted)
         return len(wanted)
-
-    def _issue(self, n: int | None, source: str, analyses: Sequence[Analysis] | None) -> tuple[RunRecord, ...]:
-        """Choose and issue; where another process decided meanwhile, choose again from what there is now."""
-        while True:
-            self.store.mark()
-            with suppress(OvertakenError):
-                return self.decide(n, source, self.spec.stop.max_runs, analyses)
-            analyses = None
 
     def decide(
         self,
@@ -235,15 +224,16 @@ class Campaign:
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         analyses = analyses or self._looked(made, left)
+        own = self.spec.own_source if source == "best" else source  # of runs that are not chosen between sources
         waiting = any(run.purpose == CONFIRMATION and run.state in WAITING for run in made)
         if not waiting and any(one.decision.wants_confirmation for one in analyses):
-            fresh = confirmation_batch(self.spec, analyses, self.spec.own_source if source == "best" else source)
+            fresh = confirmation_batch(self.spec, analyses, own)
             ids = self.store.add_batch(fresh, issue=True)  # beyond the budget
         elif left <= 0:
             message = f"the budget of {budget} runs is spent"
             raise StoreError(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME))
         else:
-            proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
+            proposed = self._proposals(made, min(n or self.spec.batch, left), source, own, analyses)[:left]
             runs = in_random_order(proposed, self.spec.seed, len(made))
             ids = self.store.add_batch(runs, issue=True, budget=budget)
         return tuple(run for run in self.store.runs() if run.run_id in set(ids))
@@ -258,18 +248,17 @@ class Campaign:
         return analyses
 
     def _proposals(
-        self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
+        self, runs: Sequence[RunRecord], n: int, source: str, own: str, analyses: Sequence[Analysis]
     ) -> list[NewRun]:
         active = [run for run in evidence(runs) if run.state in (*WAITING, "scored")]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
         failed = [run for run in runs if run.state == "failed" and run.fault != "machine"]
-        start_source = self.spec.own_source if source == "best" else source
         if not active:
-            return start_batch(self.spec, model, start_source, failed=failed)
+            return start_batch(self.spec, model, own, failed=failed)
         if not analyses:
             waiting = [run for run in active if run.state in WAITING]
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
-                return start_batch(self.spec, model, start_source, active, failed)
+                return start_batch(self.spec, model, own, active, failed)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
             raise StoreError(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`).")
         return next_batch(self.spec, analyses, active, n, source, failed)

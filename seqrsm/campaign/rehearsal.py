@@ -102,7 +102,6 @@ def make_campaign(
     score: Callable[[FloatArray], Sequence[NewScore]],
     *,
     n_draws: int,
-    stops: bool = True,
     ground: Ground | None = None,
 ) -> tuple[Analysis, list[RunRecord]]:
     """A campaign of one application as `run` makes it, in memory, its scores from a function.
@@ -116,8 +115,6 @@ def make_campaign(
         Scores of new runs at coded points (n, k), in their order; the same settings may score otherwise next time.
     n_draws : int
         Posterior draws at each look.
-    stops : bool
-        When the rule holds; otherwise the whole budget is spent.
     ground : Ground or None
         What is known of the ground's part of the scatter.
 
@@ -141,9 +138,9 @@ def make_campaign(
         analysis = analyse(spec, application, runs, ground=ground, n_draws=n_draws)
         left = spec.stop.max_runs - sum(run.purpose != CONFIRMATION for run in runs)
         batch += 1
-        if stops and analysis.decision.wants_confirmation:
+        if analysis.decision.wants_confirmation:
             new = confirmation_batch(spec, [analysis], source)
-        elif (stops and analysis.decision.held) or left <= 0:
+        elif analysis.decision.held or left <= 0:
             return analysis, runs
         else:
             new = next_batch(spec, [analysis], evidence(runs), min(spec.batch, left), source)

@@ -18,14 +18,13 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.confirmation import Agreement
-from seqrsm.fit.intervals import t_quantile
+from seqrsm.fit.intervals import MIN_DF_PURE_ERROR, t_quantile
 from seqrsm.plain import counted
 
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 Guard = Literal["runs", "confirmation"]
 
 _RUNS_PER_TERM = 3.0  # of the guard "runs"
-_MIN_DF_PURE_ERROR = 4
 _MOST_FLIGHTS = 1000
 
 
@@ -427,10 +426,10 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look, width, unit))
     if not look.weighed:
-        asked = f"{_MIN_DF_PURE_ERROR} are required"
+        asked = f"{MIN_DF_PURE_ERROR} are required"
         have = counted(look.df_pure_error, "degree of freedom", "degrees of freedom")
         text = f"Repeated runs give {have} of pure error; {asked}."
-        checks.append(Check("pure_error", look.df_pure_error >= _MIN_DF_PURE_ERROR, text))
+        checks.append(Check("pure_error", look.df_pure_error >= MIN_DF_PURE_ERROR, text))
         checks.append(_lack_of_fit_check(rule, look))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":

@@ -1,7 +1,7 @@
 """Shape of a fitted quadratic: stationary point, canonical axes, and how much of it each factor accounts for.
 
 Notation: the quadratic in the q numeric factors (coded) is ``c + x'b + x'Bx`` with symmetric B. Eigenvalues smaller
-than a share ``threshold`` (0.1, as in R's rsm) of the largest are taken as flat: the surface then is a ridge, and the
+than a share `FLAT` of the largest are taken as flat: the surface then is a ridge, and the
 stationary point reported is the one nearest to the centre along it; the exact one is given beside it.
 
 Standard errors of a stationary point are those of its derivatives by the coefficients (the delta method). The point
@@ -33,6 +33,9 @@ from seqrsm.design.region import Region
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
+FLAT = 0.1
+"""Share of the largest eigenvalue, as in R's rsm."""
+
 
 @dataclass(frozen=True, slots=True)
 class CanonicalForm:
@@ -54,7 +57,7 @@ class CanonicalForm:
     eigenvectors : ndarray (q, q)
         Columns, largest component positive.
     flat : ndarray (q,) of bool
-        Which eigenvalues are below the threshold.
+        Which eigenvalues are below that share.
     """
 
     point: FloatArray
@@ -94,15 +97,13 @@ class StationaryPoint(CanonicalForm):
     warning: str
 
 
-def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray, threshold: float = 0.1) -> CanonicalForm:
+def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -> CanonicalForm:
     """Canonical analysis of a quadratic.
 
     Parameters
     ----------
     constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
         ``c + x'b + x'Bx``, B symmetric.
-    threshold : float
-        In [0, 1); eigenvalues with ``|l| < threshold * max|l|`` are flat. 0 keeps all.
 
     Returns
     -------
@@ -117,7 +118,7 @@ def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray, t
     size = np.abs(values)
     top = float(size.max(initial=0.0))
     singular = size <= q * np.finfo(float).eps * top
-    flat: BoolArray = singular | (size < threshold * top)
+    flat: BoolArray = singular | (size < FLAT * top)
     projected = vectors.T @ linear
     if top == 0.0:
         nothing = np.full(q, np.nan)
@@ -141,7 +142,6 @@ def stationary_point(
     region: Region,
     beta: FloatArray,
     levels: tuple[int, ...] = (),
-    threshold: float = 0.1,
     variance: Callable[[FloatArray], FloatArray] | None = None,
 ) -> StationaryPoint:
     """Stationary point and canonical analysis of a fitted model.
@@ -154,8 +154,6 @@ def stationary_point(
         Coded coefficients.
     levels : tuple of int
         Level index of each categorical factor, in factor order.
-    threshold : float
-        See :func:`canonical_form`.
     variance : callable, optional
         Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
 
@@ -164,7 +162,7 @@ def stationary_point(
     StationaryPoint
     """
     constant, linear, quadratic = model.forms(beta, levels)
-    form = canonical_form(float(constant), linear, quadratic, threshold)
+    form = canonical_form(float(constant), linear, quadratic)
     point = _full_point(region, form.point, levels)
     exact = _full_point(region, form.exact_point, levels)
     inside, exact_inside = (bool(np.all(np.isfinite(at)) and _inside(region, at)) for at in (point, exact))
@@ -190,7 +188,7 @@ def stationary_point(
         exact_value=float(constant + form.exact_point @ linear + form.exact_point @ quadratic @ form.exact_point),
         exact_inside_region=exact_inside,
         exact_se=errors(form.exact_point, np.zeros_like(form.flat)),
-        warning=_ridge_warning(form, names, threshold, level=not np.any(linear)),
+        warning=_ridge_warning(form, names, level=not np.any(linear)),
     )
 
 
@@ -237,7 +235,7 @@ def _inside(region: Region, point: FloatArray) -> bool:
     return inside and bool(region.slack(point[None, :])[0] >= -1e-9)
 
 
-def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, level: bool) -> str:
+def _ridge_warning(form: CanonicalForm, names: list[str], level: bool) -> str:
     if form.kind == "none":
         if level:
             return "The fitted surface is flat: every setting is equally good."
@@ -251,7 +249,7 @@ def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, leve
     share = 100.0 * float(np.abs(form.eigenvalues[form.flat]).max() / np.abs(form.eigenvalues).max())
     return (
         f"The curvature along {'; '.join(axes)} is at most {share:.2g} % of the largest (ridge threshold "
-        f"{100.0 * threshold:g} %): the response changes little in that direction, in which the stationary point is "
+        f"{100.0 * FLAT:g} %): the response changes little in that direction, in which the stationary point is "
         "poorly determined."
     )
 

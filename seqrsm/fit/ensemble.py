@@ -51,29 +51,12 @@ _STORE_BYTES = 96 * 2**20  # beyond this every second stored step is dropped
 _TAU_WALKERS = 128  # walkers that the autocorrelation time is averaged over
 _R_HAT_DRAWS = 2000  # draws of each ensemble that R-hat is computed from
 
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How much is sampled, and the bounds on the work.
-
-    Attributes
-    ----------
-    walkers : int
-        Of each ensemble; raised to twice the dimensions where that is more, and to an even number.
-    ensembles : int
-        Independent ensembles, >= 2.
-    min_ess : float
-        Effective draws of every coordinate asked for, among those handed out.
-    max_draws, max_steps, max_seconds
-        Bounds on what is handed out and on the work [steps of every walker, s of wall clock].
-    """
-
-    walkers: int = 128
-    ensembles: int = 4
-    min_ess: float = 4000.0
-    max_draws: int = 50_000
-    max_steps: int = 50_000
-    max_seconds: float = 120.0
+WALKERS, ENSEMBLES = 128, 4
+"""Of each of the independent ensembles, raised to twice the dimensions where that is more; both even."""
+MIN_ESS = 4000.0
+"""Effective draws of every coordinate asked for, among those handed out."""
+MAX_DRAWS, MAX_STEPS, MAX_SECONDS = 50_000, 50_000, 120.0
+"""Bounds on what is handed out and on the work [steps of every walker, s of wall clock]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +112,10 @@ def sample_posterior(
     nu: float = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
-    effort: Effort | None = None,
 ) -> Sampled:
     """Sample the posterior of ``y = Z beta + e`` until the convergence rule holds.
 
-    The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has ``min_ess``
+    The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has `MIN_ESS`
     effective draws among those handed out, and R-hat across ensembles is at most 1.01.
 
     Parameters
@@ -152,8 +134,6 @@ def sample_posterior(
         Of the coefficients: the prior is cut off there.
     seed : int
         The same seed gives the same draws; no global random state is read or changed.
-    effort : Effort, optional
-        How much is sampled.
 
     Raises
     ------
@@ -167,10 +147,10 @@ def sample_posterior(
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
     target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
-    return _run(target, Effort() if effort is None else effort, seed)
+    return _run(target, seed)
 
 
-def sample_model(model: GeneralModel, *, seed: int, effort: Effort | None = None) -> Sampled:
+def sample_model(model: GeneralModel, *, seed: int) -> Sampled:
     """Sample any model with a log density, such as that of counts.
 
     Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a
@@ -183,16 +163,15 @@ def sample_model(model: GeneralModel, *, seed: int, effort: Effort | None = None
     FitError
         The model's density is not finite where it was expected to lie.
     """
-    return _run(general_target(model), Effort() if effort is None else effort, seed)
+    return _run(general_target(model), seed)
 
 
 class _Chain:
     """The sampler with its store: every ``thin``-th step, thinned further when memory runs short."""
 
-    def __init__(self, target: Target, ensembles: int, walkers: int, seed: int) -> None:
-        self.ensembles, self.walkers = ensembles, walkers
+    def __init__(self, target: Target, seed: int) -> None:
         self._target = target
-        self._n = ensembles * walkers
+        self._n = ENSEMBLES * max(WALKERS, 2 * target.d)
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
         start = target.start(random, self._n)
         log_prob = target.log_prob(start)
@@ -209,8 +188,8 @@ class _Chain:
         """Begin to count afresh from the present state, with these independence proposals from now on."""
         self.moves: dict[str, Move] = {
             "independence": IndependenceMove(proposals, shares),
-            "differential evolution": DifferentialMove(self.ensembles),
-            "snooker": SnookerMove(self.ensembles),
+            "differential evolution": DifferentialMove(ENSEMBLES),
+            "snooker": SnookerMove(ENSEMBLES),
         }
         moves = list(zip(self.moves.values(), (0.5, 0.3, 0.2), strict=True))
         self._sampler = _sampler(self._n, self._target.d, self._target.log_prob, moves)
@@ -238,7 +217,7 @@ class _Chain:
         self.steps += len(block) * self.thin
         self.stored = np.concatenate([self.stored, np.stack(block)])
 
-    def judge(self, max_draws: int) -> _Reached:
+    def judge(self) -> _Reached:
         """Autocorrelation time, R-hat and effective sample size of what is stored so far."""
         n, walkers, d = self.stored.shape
         some = np.linspace(0, walkers - 1, min(_TAU_WALKERS, walkers)).astype(np.int64)
@@ -246,12 +225,12 @@ class _Chain:
         largest = float(np.max(tau))
         burn = min(int(np.ceil(_BURN_TAUS * largest)), n // 2) if np.isfinite(largest) else n // 2
         after = self.stored[burn:]
-        stride = max(int(largest / 2.0) if np.isfinite(largest) else 1, -(-after.shape[0] * walkers // max_draws), 1)
+        stride = max(int(largest / 2.0) if np.isfinite(largest) else 1, -(-after.shape[0] * walkers // MAX_DRAWS), 1)
         kept = after[::-1][::stride][::-1]
         kept_tau = np.maximum(convergence.autocorrelation_time(kept[:, some]), 1.0)
         ess = kept.shape[0] * walkers / kept_tau
         long_enough = after.shape[0] > _TAUS * largest and kept.shape[0] >= 4
-        chains = after.reshape(after.shape[0], self.ensembles, -1, d)
+        chains = after.reshape(after.shape[0], ENSEMBLES, -1, d)
         every = max(after.shape[0] * chains.shape[2] // _R_HAT_DRAWS, 1)
         r_hat = np.array([convergence.r_hat(_thinned(chains[:, :, :, j], every)) for j in range(d)])
         return _Reached(tau * self.thin, r_hat, ess, kept, long_enough)
@@ -279,7 +258,7 @@ def _sampled(chain: _Chain, reached: _Reached, target: Target) -> Sampled:
     )
 
 
-def _run(target: Target, effort: Effort, seed: int) -> Sampled:
+def _run(target: Target, seed: int) -> Sampled:
     """Sample until the rule holds.
 
     Raises
@@ -287,22 +266,20 @@ def _run(target: Target, effort: Effort, seed: int) -> Sampled:
     ConvergenceError
         The bounds came first.
     """
-    if effort.ensembles < 2:
-        raise ValueError("ensembles must be at least 2")
-    chain = _Chain(target, effort.ensembles, max(effort.walkers + effort.walkers % 2, 2 * target.d), seed)
-    deadline = time.monotonic() + effort.max_seconds
+    chain = _Chain(target, seed)
+    deadline = time.monotonic() + MAX_SECONDS
     block = _FIRST_BLOCK
     while True:
-        steps = min(block, effort.max_steps - chain.steps)
+        steps = min(block, MAX_STEPS - chain.steps)
         chain.advance(steps, deadline, chain.steps + steps)
-        reached = chain.judge(effort.max_draws)
+        reached = chain.judge()
         tau, r_hat, ess = float(np.max(reached.tau)), float(np.max(reached.r_hat)), float(np.min(reached.ess))
-        if reached.long_enough and ess >= effort.min_ess and r_hat <= _R_HAT:
+        if reached.long_enough and ess >= MIN_ESS and r_hat <= _R_HAT:
             return _sampled(chain, reached, target)
-        if chain.steps >= effort.max_steps or time.monotonic() > deadline:
+        if chain.steps >= MAX_STEPS or time.monotonic() > deadline:
             raise ConvergenceError(
                 f"the sampler made {chain.steps} steps: autocorrelation time {tau:.3g} steps (the rule asks for more "
-                f"than {_TAUS:.0f} of them), {ess:.0f} of {effort.min_ess:.0f} effective draws, R-hat {r_hat:.4f}"
+                f"than {_TAUS:.0f} of them), {ess:.0f} of {MIN_ESS:.0f} effective draws, R-hat {r_hat:.4f}"
             )
         # Straight to the length that the present estimate of tau asks for, with a margin, but no leaps of faith.
         wanted = int(1.1 * (_TAUS + _BURN_TAUS) * tau) - chain.steps if np.isfinite(tau) else block

@@ -21,11 +21,6 @@ class Interval:
     low: FloatArray
     high: FloatArray
 
-    @property
-    def half_width(self) -> FloatArray:
-        """Half of ``high - low``."""
-        return 0.5 * (self.high - self.low)
-
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
@@ -126,6 +121,10 @@ class LackOfFit:
     ss_pe: float
     f: float
     p: float
+
+
+MIN_DF_PURE_ERROR = 4
+"""Degrees of freedom of pure error from which that test says something."""
 
 
 def group_index(ids: Sequence[object] | AnyArray | None, n: int) -> IntArray | None:

@@ -15,6 +15,7 @@ from seqrsm.errors import FitError
 from seqrsm.fit.linear_system import check_runs
 from seqrsm.fit.target import GeneralModel
 
+_INDEPENDENCE = 9.0  # second parameter of the prior of the correlation within a run
 _STIRLING = 60.0  # from here on the series is exact to the last digits
 
 
@@ -52,9 +53,12 @@ class CoefficientPrior:
 
 
 def beta_binomial_model(
-    Z: FloatArray, correct: FloatArray, trials: FloatArray, prior: CoefficientPrior, *, overdispersion: float = 9.0
+    Z: FloatArray, correct: FloatArray, trials: FloatArray, prior: CoefficientPrior
 ) -> GeneralModel:
     """Counts of correct decisions: logit p = Z beta, correct ~ BetaBinomial(trials, p phi, (1 - p) phi).
+
+    The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior
+    Beta(1, 9), which expects 0.1. The variance is binomial times 1 + (trials - 1) correlation.
 
     Parameters
     ----------
@@ -63,10 +67,6 @@ def beta_binomial_model(
         0 <= correct <= trials, trials > 0; not necessarily whole numbers (effective counts).
     prior : CoefficientPrior
         On the logit scale.
-    overdispersion : float
-        The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior
-        Beta(1, ``overdispersion``): the default expects 0.1. The variance is binomial times
-        1 + (trials - 1) correlation.
 
     Raises
     ------
@@ -91,10 +91,11 @@ def beta_binomial_model(
         binomial = c * np.log(share) + (m - c) * np.log1p(-share)
         more = _log_rising(share * phi, c) + _log_rising((1.0 - share) * phi, m - c) - _log_rising(phi, m)
         likelihood = np.sum(binomial + more, axis=1)
-        return np.asarray(likelihood + prior.log_density(v[:, :p]) + (overdispersion - 1.0) * np.log1p(-v[:, p]))
+        return np.asarray(likelihood + prior.log_density(v[:, :p]) + (_INDEPENDENCE - 1.0) * np.log1p(-v[:, p]))
 
-    correlation = 1.0 / (1.0 + overdispersion)
-    return GeneralModel(np.append(start, correlation), np.append(low, 0.0), np.append(high, 1.0), log_density)
+    return GeneralModel(
+        np.append(start, 1.0 / (1.0 + _INDEPENDENCE)), np.append(low, 0.0), np.append(high, 1.0), log_density
+    )
 
 
 def _log_rising(a: FloatArray, c: FloatArray) -> FloatArray:

@@ -30,7 +30,6 @@ def propose_batch(
     *,
     source: Source | None = None,
     seed: int = 0,
-    n_candidates: int = 2000,
     ties: int = 0,
 ) -> tuple[Proposal, ...]:
     """Choose the next ``n`` runs.
@@ -55,8 +54,6 @@ def propose_batch(
         Who makes the runs; by default such as have the rows of ``model``, weight 1 and equal cost.
     seed : int
         Fixes the cloud; equal inputs and seed give equal proposals.
-    n_candidates : int
-        Points that cover the region.
     ties : int
         How many runs, the first ones, repeat executed settings to tell the effect of a new block from the surface: the
         last column of the evidence and of the source's rows is then that of the new block, 1 in its runs.
@@ -70,8 +67,7 @@ def propose_batch(
     source = Source() if source is None else source
     known = Known(model, region, evidence, sought, source.weight)
     criteria, tie = [make(known, n) for make, _ in plan], Tie(known, n)
-    search = Search(known, source, np.random.default_rng(seed), evidence.barred)
-    search.begin(evidence.points, n_candidates)
+    search = Search(known, source, np.random.default_rng(seed), evidence)
     proposals = []
     for i in range(n):
         tell("choosing the next runs", i, n)

@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.region import Region
-from seqrsm.propose.known import Known, Rows
+from seqrsm.propose.known import Evidence, Known, Rows
 
-_CLOUD = 320
+_COVERING, _CLOUD = 2000, 320
 _BARRED_RADIUS = 0.1
 _REFINE_RADII = (0.1, 0.03, 0.01)
 _REFINE_POINTS = 48
@@ -71,18 +71,12 @@ class Candidates:
 class Search:
     """The candidates of one batch; settings chosen can be repeated from then on."""
 
-    candidates: Candidates
-
-    def __init__(self, known: Known, source: Source, rng: np.random.Generator, barred: FloatArray | None) -> None:
+    def __init__(self, known: Known, source: Source, rng: np.random.Generator, evidence: Evidence) -> None:
         self.known, self.source, self.rng = known, source, rng
         self._region = known.region
-        self._barred = barred
-
-    def begin(self, done: FloatArray | None, n_candidates: int) -> None:
-        """Draw the candidates: ``n_candidates`` that cover the region, a cloud, and what is ``done`` (r, k)."""
-        made = np.empty((0, self._region.k)) if done is None else np.atleast_2d(np.asarray(done, dtype=np.float64))
-        known = self.known
-        points, executed = candidate_points(self._region, known.x_hat, known.targets, made, self.rng, n_candidates)
+        self._barred = evidence.barred
+        done = np.empty((0, known.region.k)) if evidence.points is None else np.asarray(evidence.points)
+        points, executed = _candidate_points(known, done, rng)
         allowed = clear_of(points, self._barred, self._region)
         if allowed.any():
             points, executed = points[allowed], executed[allowed]
@@ -145,8 +139,8 @@ def clear_of(points: FloatArray, barred: FloatArray | None, region: Region) -> B
 
 
 @lru_cache(maxsize=8)
-def _cover(region: Region, limit: int) -> FloatArray:
-    points = region.candidates(limit=limit)
+def _cover(region: Region) -> FloatArray:
+    points = region.candidates(limit=_COVERING)
     points.setflags(write=False)
     return points
 
@@ -167,28 +161,15 @@ def _cloud(region: Region, x_hat: FloatArray, targets: FloatArray, rng: np.rando
     return points
 
 
-def candidate_points(
-    region: Region,
-    x_hat: FloatArray,
-    targets: FloatArray,
-    done: FloatArray,
-    rng: np.random.Generator,
-    n_candidates: int,
-) -> tuple[FloatArray, BoolArray]:
-    """Candidates for the next runs.
+def _candidate_points(known: Known, done: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
+    """Candidates for the next runs: points that cover the region, the optimum and draws of it, a cloud, what is done.
 
     Parameters
     ----------
-    region : Region
-    x_hat : ndarray (k,)
-        Estimated optimum.
-    targets : ndarray (m, k)
-        Posterior draws of it.
+    known : Known
     done : ndarray (r, k)
         Executed settings.
     rng : numpy.random.Generator
-    n_candidates : int
-        Points that cover the region.
 
     Returns
     -------
@@ -196,16 +177,11 @@ def candidate_points(
         Distinct and feasible, executed ones first.
     executed : ndarray (n,) of bool
     """
-    fresh = np.vstack([_cover(region, n_candidates), x_hat[None, :], targets, _cloud(region, x_hat, targets, rng)])
+    region, x_hat, targets = known.region, known.x_hat, known.targets
+    fresh = np.vstack([_cover(region), x_hat[None, :], targets, _cloud(region, x_hat, targets, rng)])
     # Executed settings are compared as they were coded; only those still allowed can be repeated.
     points = np.vstack([done, fresh])
     executed = np.arange(len(points)) < len(done)
-    keep = np.sort(_first_rows(points))
+    keep = np.sort(np.unique(np.round(points, 9) + 0.0, axis=0, return_index=True)[1])
     keep = keep[region.feasible(points[keep], tol=1e-9)]
     return points[keep], executed[keep]
-
-
-def _first_rows(points: FloatArray) -> IntArray:
-    """Index of the first occurrence of every distinct row."""
-    _, first = np.unique(np.round(points, 9) + 0.0, axis=0, return_index=True)
-    return np.asarray(first, dtype=np.int64)

@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.fit.intervals import MIN_DF_PURE_ERROR
 from seqrsm.propose.candidates import Choice, Search
 from seqrsm.propose.known import Known, percent
 
@@ -151,11 +152,11 @@ class Tie(Greedy):
 class Testing:
     """Keeps the model testable: repeats until there is enough pure error, from then on the least known places."""
 
-    def __init__(self, known: Known, n: int, min_df_pure_error: int = 4) -> None:
-        self._known, self._least = known, min_df_pure_error
+    def __init__(self, known: Known, n: int) -> None:
+        self._known = known
         self._repeat, self._spread = Repeat(known, n), Spread(known, n)
 
     def propose(self, search: Search) -> Proposal:
         """The next run."""
-        repeat = self._known.df_pure_error < self._least and search.candidates.executed.any()
+        repeat = self._known.df_pure_error < MIN_DF_PURE_ERROR and search.candidates.executed.any()
         return (self._repeat if repeat else self._spread).propose(search)

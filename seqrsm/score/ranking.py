@@ -103,14 +103,7 @@ class RankingFit:
         return max(float(self.scores @ self.covariance @ self.scores), 0.0) ** 0.5 / size if size > 0.0 else 0.0
 
 
-def fit_rankings(
-    rankings: Sequence[Ranking],
-    n_images: int,
-    n_interpreters: int,
-    *,
-    spread: float | None = None,
-    sharpness_prior_sd: float = SHARPNESS_PRIOR_SD,
-) -> RankingFit:
+def fit_rankings(rankings: Sequence[Ranking], n_images: int, n_interpreters: int) -> RankingFit:
     """Scores and interpreter effects with their standard errors.
 
     Parameters
@@ -119,28 +112,19 @@ def fit_rankings(
         Every image in at least one; the images should be connected by them, see `connected`.
     n_images, n_interpreters : int
         At least 1 each.
-    spread : float, optional
-        Standard deviation of the scores [logit], in place of an estimate; inf for maximum likelihood (which does not
-        exist when an image is always first or last).
-    sharpness_prior_sd : float
-        0 makes all interpreters equal.
     """
-    free = sharpness_prior_sd > 0.0 and n_interpreters > 1
     of = [[ranking for ranking in rankings if ranking.interpreter == j] for j in range(n_interpreters)]
     scores, covariance = _mean_standing(rankings, n_images), np.zeros((n_images, n_images))
     log_sharpness, deviation = np.zeros(n_interpreters), np.zeros(n_interpreters)
-    sd = SPREAD_LOGIT if spread is None else spread
+    sd = SPREAD_LOGIT
     for _ in range(_ROUNDS):
-        scores, covariance = _scores(rankings, scores, log_sharpness, sd)
-        new_sd, new = sd, log_sharpness
-        if spread is None:
-            size = float(scores @ scores + np.trace(covariance)) + SPREAD_WORTH * SPREAD_LOGIT**2
-            new_sd = float(np.sqrt(size / (n_images - 1 + SPREAD_WORTH)))
-        if free:
-            found = [_sharpness(own, scores, covariance, sharpness_prior_sd) for own in of]
-            new, deviation = np.array(found).T
+        scores, covariance = most_probable(rankings, scores, log_sharpness, sd)
+        size = float(scores @ scores + np.trace(covariance)) + SPREAD_WORTH * SPREAD_LOGIT**2
+        new_sd, new = float(np.sqrt(size / (n_images - 1 + SPREAD_WORTH))), log_sharpness
+        if n_interpreters > 1:
+            new, deviation = np.array([_sharpness(own, scores, covariance) for own in of]).T
             new = new - new.mean()
-        change = max(abs(new_sd / sd - 1.0) if spread is None else 0.0, float(np.max(np.abs(new - log_sharpness))))
+        change = max(abs(new_sd / sd - 1.0), float(np.max(np.abs(new - log_sharpness))))
         sd, log_sharpness = new_sd, new
         if change < _SETTLED:
             break
@@ -157,10 +141,10 @@ def fit_rankings(
     )
 
 
-def _scores(
+def most_probable(
     rankings: Sequence[Ranking], start: FloatArray, log_sharpness: FloatArray, sd: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mode and covariance of the scores, whose prior has the standard deviation ``sd``."""
+    """Mode and covariance of the scores, whose prior has the standard deviation ``sd``; inf: of the likelihood."""
     n = len(start)
     basis, precision = _contrasts(n), sd**-2.0
     if n == 1:
@@ -176,16 +160,14 @@ def _scores(
     return basis @ found, basis @ np.linalg.inv(minus_log_posterior(found)[2]) @ basis.T
 
 
-def _sharpness(
-    rankings: Sequence[Ranking], scores: FloatArray, covariance: FloatArray, prior_sd: float
-) -> tuple[float, float]:
+def _sharpness(rankings: Sequence[Ranking], scores: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Log sharpness of the interpreter of some rankings, the most probable over the scores, and its standard error."""
     rankings = [Ranking(0, ranking.groups) for ranking in rankings]
 
     def minus_log_posterior(log_sharpness: float) -> float:
         value, _, hessian = log_likelihood(rankings, scores, np.array([log_sharpness]))
         expected = value + 0.5 * float(np.sum(hessian * covariance))
-        return 0.5 * (log_sharpness / prior_sd) ** 2 - expected
+        return 0.5 * (log_sharpness / SHARPNESS_PRIOR_SD) ** 2 - expected
 
     best = float(
         scipy.optimize.minimize_scalar(minus_log_posterior, bounds=(-_SHARPEST, _SHARPEST), method="bounded").x
@@ -193,7 +175,7 @@ def _sharpness(
     step = 0.05
     ends = [minus_log_posterior(best + k * step) for k in (-1, 0, 1)]
     curvature = (ends[0] - 2.0 * ends[1] + ends[2]) / step**2
-    return best, float(max(curvature, prior_sd**-2.0) ** -0.5)
+    return best, float(max(curvature, SHARPNESS_PRIOR_SD**-2.0) ** -0.5)
 
 
 def _newton(function: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], start: FloatArray) -> FloatArray:

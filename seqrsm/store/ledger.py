@@ -45,7 +45,7 @@ class Ledger:
         """Id of the next run: one more than the last."""
         return self._number(sa.select(sa.func.max(RUNS.c.id))) + 1
 
-    def last_event(self, apart: Sequence[str] = ()) -> int:
+    def last_event(self, apart: Sequence[str]) -> int:
         """Number of the latest event, those of some kinds apart; 0 before the first."""
         return self._number(sa.select(sa.func.max(EVENTS.c.id)).where(EVENTS.c.kind.not_in(apart)))
 

@@ -199,15 +199,8 @@ class Store:
             ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
             return ids
 
-    def claim(self, run_ids: Iterable[int] | None = None, *, limit: int | None = None) -> tuple[RunRecord, ...]:
+    def claim(self) -> tuple[RunRecord, ...]:
         """Take proposed or issued simulations for this process to carry out; no two processes get the same run.
-
-        Parameters
-        ----------
-        run_ids : iterable of int, optional
-            Only these; any otherwise. Those another process holds already are left out.
-        limit : int, optional
-            At most so many, lowest ids first.
 
         Returns
         -------
@@ -216,13 +209,7 @@ class Store:
         """
         free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == "simulation")
         query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id)
-        if limit is not None:
-            query = query.limit(limit)
         with self._write() as ledger:
-            if run_ids is not None:
-                wanted = tuple(run_ids)
-                ledger.states(wanted)
-                query = query.where(RUNS.c.id.in_(wanted))
             ids = tuple(ledger.connection.execute(query).scalars())
             now = utc_now()
             values = {"started_at": now, "seen_at": now, "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
@@ -409,11 +396,6 @@ class Store:
         with self._read() as ledger:
             return tuple(EventRecord(*row) for row in ledger.connection.execute(query))
 
-    def last_event(self) -> int:
-        """Number of the latest event; 0 before the first."""
-        with self._read() as ledger:
-            return ledger.last_event()
-
     def n_used(self) -> int:
         """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
         with self._read() as ledger:
@@ -509,12 +491,12 @@ BEAT_S = 60.0
 
 
 @contextmanager
-def heartbeat(store: Store, every_s: float = BEAT_S) -> Iterator[None]:
-    """Let a thread say every ``every_s`` [s] that this process is alive while the block runs."""
+def heartbeat(store: Store) -> Iterator[None]:
+    """Let a thread say every `BEAT_S` seconds that this process is alive while the block runs."""
     done = threading.Event()
 
     def beat() -> None:
-        while not done.wait(every_s):
+        while not done.wait(BEAT_S):
             with suppress(StoreError):  # a busy or absent database: the next beat may get through
                 store.beat()
 

@@ -27,7 +27,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
-from seqrsm.fit.ensemble import Effort, Sampled, sample_model, sample_posterior
+from seqrsm.fit.ensemble import ENSEMBLES, WALKERS, Sampled, sample_model, sample_posterior
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
@@ -150,7 +150,7 @@ def measure() -> list[str]:
             f"| {sample.steps} |"
         )
         if name == "Student-t errors":
-            mine = Effort().walkers * Effort().ensembles * sample.steps / float(sample.tau.max()) / seconds
+            mine = WALKERS * ENSEMBLES * sample.steps / float(sample.tau.max()) / seconds
             handed = sample.ess.min() / seconds
     stock = stretch_ess_per_second(Z, y)
     text += [

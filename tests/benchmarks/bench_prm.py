@@ -19,13 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, radiometer, scene
+from synthetic import fractal_terrain
 
 from seqrsm.scattering.atmosphere import make_atmosphere
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.scene.terrain import fractal_terrain
 from seqrsm.simulate.radiometer import kernels_prm
 from seqrsm.simulate.radiometer.frame import RadiometerFrame, make_radiometer_frame
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from synthetic import synthetic_scene
 from tiny_campaign import make_tiny
 
 from seqrsm.scene.file import save_scene
-from seqrsm.scene.synthetic import synthetic_scene
 
 
 @pytest.fixture(scope="session")

@@ -60,15 +60,15 @@ def test_a_run_whose_lease_seems_over_is_scored_once(tmp_path, tiny_scene, monke
     mine = Campaign.open(folder)
     mine.propose(3)
     monkeypatch.setattr(store, "_this_process", lambda: "another-host:1:0")
-    (first, *_) = held = mine.store.claim(limit=3)
+    (first, *_) = held = mine.store.claim()
     monkeypatch.undo()
-    made = [score_of(mine, run.run_id) for run in held]
+    made = score_of(mine, first.run_id)
     assert mine.store.release_stale() == ()
     assert mine.store.release_stale(older_than_s=-86_400.0) == tuple(run.run_id for run in held)
-    (again, *_) = mine.store.claim(limit=3)
+    (again, *_) = mine.store.claim()
     assert again.run_id == first.run_id
-    assert mine.store.record_scores(first.run_id, made[0])
-    assert not mine.store.record_scores(first.run_id, made[0])  # the other host comes back
+    assert mine.store.record_scores(first.run_id, made)
+    assert not mine.store.record_scores(first.run_id, made)  # the other host comes back
     assert len(Campaign.open(folder).store.runs("scored")) == 1
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 import typer
+from synthetic import synthetic_scene
 from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
 from seqrsm.cli.guides import topics
 from seqrsm.scene.file import save_scene
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.spec.read import load_spec
 
 ROOT = Path(__file__).parents[2]

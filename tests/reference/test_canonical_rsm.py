@@ -15,6 +15,7 @@ import pytest
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit import canonical
 from seqrsm.fit.canonical import stationary_point
 
 DATA = Path(__file__).parent / "data" / "rsm"
@@ -32,8 +33,8 @@ def beta_from(coefficients: dict[str, dict[str, float]], k: int, block: str = ""
     return model, np.array([values[name] for name in model.term_names])
 
 
-def check_canonical(model: QuadraticModel, beta: np.ndarray, expected: Any, threshold: float = 0.1) -> None:
-    found = stationary_point(model, Region(model.factors), beta, threshold=threshold)
+def check_canonical(model: QuadraticModel, beta: np.ndarray, expected: Any) -> None:
+    found = stationary_point(model, Region(model.factors), beta)
     names = expected["variable_order"]
     want = np.array([expected["stationary_point_coded"][name] for name in names])
     np.testing.assert_allclose(found.point, want, rtol=1e-10, atol=1e-11)
@@ -78,17 +79,18 @@ def test_heli_saddle() -> None:
     assert mean == pytest.approx(0.5 * (both["1"] + both["2"]), abs=1e-9)
 
 
-def test_codata_ridge_with_and_without_threshold() -> None:
+def test_codata_ridge_with_and_without_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = load("codata")
     model, beta = beta_from(expected["coefficients"], 2)
     check_canonical(model, beta, expected["canonical_rsm_default_threshold"]["canonical"])
-    check_canonical(model, beta, expected["canonical_threshold0"], threshold=0.0)
     ridge = stationary_point(model, Region(model.factors), beta)
     assert ridge.kind == "ridge"
     assert ridge.inside_region
     far = expected["canonical_threshold0"]["stationary_point_coded"]
     np.testing.assert_allclose(ridge.exact_point, [far["x1"], far["x2"]], rtol=1e-10)
-    assert stationary_point(model, Region(model.factors), beta, threshold=0.0).kind == "saddle"
+    monkeypatch.setattr(canonical, "FLAT", 0.0)
+    check_canonical(model, beta, expected["canonical_threshold0"])
+    assert stationary_point(model, Region(model.factors), beta).kind == "saddle"
 
 
 def test_chemical_process_to_ten_digits() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_search import optimal_design
 
 from seqrsm.design.evaluate import continuous_bound, evaluate_design
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
-from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from synthetic import synthetic_scene
 
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -32,7 +33,6 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.geotiff import read_geotiff
 from seqrsm.scene.raster import read_legend
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
+from seqrsm.fit import ensemble
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
-from seqrsm.fit.ensemble import Effort, Sampled, sample_posterior
+from seqrsm.fit.ensemble import Sampled
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
 from seqrsm.fit.robust import student_draws
+
+
+def sample_posterior(*data: np.ndarray, min_ess: float = 4000.0, max_steps: int = 50_000, **options: Any) -> Sampled:
+    """A sample with another effort than that of a campaign."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ensemble, "MIN_ESS", min_ess)
+        patch.setattr(ensemble, "MAX_STEPS", max_steps)
+        return ensemble.sample_posterior(*data, **options)
 
 
 def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -52,7 +63,7 @@ def test_normal_model_against_the_exact_posterior(k: int, informative: bool) -> 
     Z, y, w = problem(40 if k == 5 else 14, k)
     p = Z.shape[1]
     prior = NormalInverseGamma(np.full(p, 0.5), 0.3 * np.eye(p), 3.0, 8.0) if informative else None
-    sample = sample_posterior(Z, y, w, prior=prior, seed=5, effort=Effort(min_ess=20_000))
+    sample = sample_posterior(Z, y, w, prior=prior, seed=5, min_ess=20_000)
     exact = posterior(Z, y, w, prior)
     scores = standard_scores(sample, exact)
     assert np.max(np.abs(scores)) < 4.5
@@ -116,8 +127,7 @@ def test_student_t_errors_against_quadrature() -> None:
     y = np.array([1.0, 1.4, 0.7, 1.2, 6.0, 0.9])
     w = np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0])
     prior = NormalInverseGamma(np.zeros(1), np.array([[0.1]]), 1.5, 0.7)
-    effort = Effort(min_ess=20_000)
-    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=prior, seed=1, effort=effort)
+    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=prior, seed=1, min_ess=20_000)
     beta, log_sigma = np.linspace(-3, 7, 801)[:, None], np.linspace(-5, 3, 601)[None, :]
     sigma = np.exp(log_sigma)
     log_density = (
@@ -147,7 +157,7 @@ def test_student_t_errors_against_quadrature() -> None:
 
 def test_many_degrees_of_freedom_are_normal_errors() -> None:
     Z, y, w = problem()
-    sample = sample_posterior(Z, y, w, errors="student_t", nu=1e7, seed=2, effort=Effort(min_ess=8000))
+    sample = sample_posterior(Z, y, w, errors="student_t", nu=1e7, seed=2, min_ess=8000)
     assert np.max(np.abs(standard_scores(sample, posterior(Z, y, w)))) < 4.5
 
 
@@ -156,7 +166,7 @@ def test_an_outlier_moves_student_t_errors_less() -> None:
     bad = y.copy()
     bad[3] += 25.0
     clean, flat = posterior(Z, y, w), posterior(Z, bad, w)
-    robust = sample_posterior(Z, bad, w, errors="student_t", seed=3, effort=Effort(min_ess=2000))
+    robust = sample_posterior(Z, bad, w, errors="student_t", seed=3, min_ess=2000)
     assert np.linalg.norm(robust.draws[:, :-1].mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
 
 
@@ -164,12 +174,12 @@ def test_reproducible_and_alone_with_its_random_numbers() -> None:
     Z, y, w = problem()
     np.random.seed(11)  # noqa: NPY002
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    first = sample_posterior(Z, y, w, errors="student_t", seed=9, effort=Effort(min_ess=1000))
+    first = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
     after = np.random.get_state()[1]  # noqa: NPY002
     np.testing.assert_array_equal(before, after)
     np.random.seed(12)  # noqa: NPY002
-    second = sample_posterior(Z, y, w, errors="student_t", seed=9, effort=Effort(min_ess=1000))
-    other = sample_posterior(Z, y, w, errors="student_t", seed=10, effort=Effort(min_ess=1000))
+    second = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
+    other = sample_posterior(Z, y, w, errors="student_t", seed=10, min_ess=1000)
     np.testing.assert_array_equal(first.draws, second.draws)
     assert not np.array_equal(first.draws[:100], other.draws[:100])
 
@@ -177,7 +187,7 @@ def test_reproducible_and_alone_with_its_random_numbers() -> None:
 def test_not_converged_says_how_far_it_came() -> None:
     Z, y, w = problem()
     with pytest.raises(ConvergenceError, match=r"120 .*autocorrelation time"):
-        sample_posterior(Z, y, w, errors="student_t", seed=1, effort=Effort(max_steps=120, min_ess=1e9))
+        sample_posterior(Z, y, w, errors="student_t", seed=1, max_steps=120, min_ess=1e9)
 
 
 def test_scores_without_noise_are_refused() -> None:

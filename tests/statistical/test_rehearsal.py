@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from scipy.stats import kstest
@@ -117,12 +118,13 @@ def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget(tmp_path: Path)
     spec, _ = known(tmp_path, hill)
     spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 50.0, "max_runs": 22}))
 
-    def made(*, stops: bool) -> tuple[Analysis, list[RunRecord]]:
+    def made(**rule: Any) -> tuple[Analysis, list[RunRecord]]:
+        own = replace(spec, stop=spec.stop.model_copy(update=rule))
         rng = np.random.default_rng(1)
         score = lambda at: [NewScore("score", float(y)) for y in hill(at) + rng.standard_normal(len(at))]  # noqa: E731
-        return rehearsal.make_campaign(spec, "flight", score, n_draws=50, stops=stops)
+        return rehearsal.make_campaign(own, "flight", score, n_draws=50)
 
-    (stopped, few), (whole, all_runs) = made(stops=True), made(stops=False)
+    (stopped, few), (whole, all_runs) = made(), made(half_width=1e-3)
     assert stopped.decision.held
     assert len(few) == 18  # three for each of six terms: after the start design and one batch
     assert [run.run_id for run in all_runs] == list(range(1, 23))

@@ -8,12 +8,20 @@ from scipy import stats
 from scipy.special import expit
 
 from seqrsm.errors import ConvergenceError, FitError
-from seqrsm.fit.ensemble import Effort, sample_model
+from seqrsm.fit import ensemble
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.target import GeneralModel, StudentProposal
 
 INF = np.array([np.inf])
 ONE = CoefficientPrior(np.array([0.0]), np.array([[1 / 25]]))
+
+
+def sample_model(model: GeneralModel, *, seed: int, **effort: float) -> ensemble.Sampled:
+    """A sample with another effort than that of a campaign, by the names of its module in small letters."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in effort.items():
+            patch.setattr(ensemble, name.upper(), value)
+        return ensemble.sample_model(model, seed=seed)
 
 
 def grid_margins(axes: list[np.ndarray], log_density: np.ndarray) -> list[np.ndarray]:
@@ -90,7 +98,7 @@ def test_scores_of_none_and_all_have_a_posterior() -> None:
 def test_error_of_the_interval_ends_is_what_ess_ends_says() -> None:
     """Eight seeds: the scatter of the 97.5 % point agrees with its effective number of draws."""
     y = np.array([0.2, -0.6, 0.5, 0.9, 1.4])
-    made = [sample_model(mean_of(y), seed=seed, effort=Effort(min_ess=1000)) for seed in range(8)]
+    made = [sample_model(mean_of(y), seed=seed, min_ess=1000) for seed in range(8)]
     exact = stats.norm(y.mean(), 1 / np.sqrt(5))
     shares = np.array([np.mean(m.draws[:, 0] <= exact.ppf(0.975)) for m in made])
     claimed = np.array([np.sqrt(0.975 * 0.025 / m.ess_ends[0]) for m in made])
@@ -100,10 +108,10 @@ def test_error_of_the_interval_ends_is_what_ess_ends_says() -> None:
 
 def test_reproducible_and_failures() -> None:
     model = beta_binomial_model(np.ones((4, 1)), np.array([10.0, 14, 7, 12]), np.full(4, 20.0), ONE)
-    first, second = (sample_model(model, seed=9, effort=Effort(min_ess=500)) for _ in range(2))
+    first, second = (sample_model(model, seed=9, min_ess=500) for _ in range(2))
     np.testing.assert_array_equal(first.draws, second.draws)
     with pytest.raises(ConvergenceError):
-        sample_model(model, seed=9, effort=Effort(max_steps=60, min_ess=1e9))
+        sample_model(model, seed=9, max_steps=60, min_ess=1e9)
     with pytest.raises(FitError, match="not finite"):
         sample_model(GeneralModel(np.zeros(1), -INF, INF, lambda v: np.full(len(v), -np.inf)), seed=1)
     with pytest.raises(FitError, match="run 2 "):
@@ -153,10 +161,8 @@ def test_upper_bound_alone() -> None:
     upper = CoefficientPrior(np.zeros(2), np.eye(2) / 9, -none, np.array([np.inf, 0.0]))
     lower = CoefficientPrior(np.zeros(2), np.eye(2) / 9, np.array([-np.inf, 0.0]), none)
     mirrored = Z * np.array([1.0, -1.0])
-    found = sample_model(beta_binomial_model(Z, correct, trials, upper), seed=1, effort=Effort(min_ess=2000)).draws
-    other = sample_model(
-        beta_binomial_model(mirrored, correct, trials, lower), seed=2, effort=Effort(min_ess=2000)
-    ).draws
+    found = sample_model(beta_binomial_model(Z, correct, trials, upper), seed=1, min_ess=2000).draws
+    other = sample_model(beta_binomial_model(mirrored, correct, trials, lower), seed=2, min_ess=2000).draws
     assert found[:, 1].max() <= 0.0
     quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
     sd = np.std(other, axis=0)
@@ -171,10 +177,10 @@ def test_beta_binomial_density_is_that_of_scipy(trials: float) -> None:
     share = np.array([0.02, 0.3, 0.5, 0.97])
     correct = np.round(trials * share)
     prior = CoefficientPrior(np.zeros(4), np.zeros((4, 4)))
-    model = beta_binomial_model(np.eye(4), correct, np.full(4, trials), prior, overdispersion=1.0)
+    model = beta_binomial_model(np.eye(4), correct, np.full(4, trials), prior)
     logit = np.log(share / (1 - share)) + 0.3 * rng.normal(size=4)
     correlations = np.array([0.6, 0.1, 1e-3, 1e-5])
-    found = model.log_density(np.column_stack([np.tile(logit, (4, 1)), correlations]))
+    found = model.log_density(np.column_stack([np.tile(logit, (4, 1)), correlations])) - 8.0 * np.log1p(-correlations)
     phi = 1.0 / correlations - 1.0
     p = expit(logit)
     counted = stats.binom(trials, 0.5).logpmf(correct) + trials * np.log(2.0)  # the binomial coefficient
@@ -193,7 +199,7 @@ def test_counts_of_a_million_pixels(scatter: float) -> None:
     Z, n = np.column_stack([np.ones(15), x, x**2]), 1e6
     correct = np.round(n * expit(Z @ [0.4, 0.1, -0.5]) + scatter * rng.normal(size=15))
     prior = CoefficientPrior(np.zeros(3), np.diag(np.array([10.0, 2.5, 2.5]) ** -2))
-    found = sample_model(beta_binomial_model(Z, correct, np.full(15, n), prior), seed=1, effort=Effort(min_ess=2000))
+    found = sample_model(beta_binomial_model(Z, correct, np.full(15, n), prior), seed=1, min_ess=2000)
     want = np.linalg.lstsq(Z, np.log(correct / (n - correct)), rcond=None)[0]
     sd = np.std(found.draws[:, :-1], axis=0)
     np.testing.assert_allclose(np.mean(found.draws[:, :-1], axis=0), want, atol=0.5 * sd.max())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import sqlalchemy as sa
+from held import hold
 
 from seqrsm.errors import StoreError
 from seqrsm.store.records import IngestedFile, IngestedRun, NewRun, NewScore
@@ -13,7 +14,7 @@ from seqrsm.store.store import Store
 @pytest.fixture
 def filled(store):
     ids = store.add_batch([NewRun({"x": float(i)}, "start") for i in range(4)], issue=True)
-    store.claim([ids[0]])
+    hold(store, ids[:1])
     store.record_scores(ids[0], [NewScore("a", 50.0, 2.0, metadata={"cells": 3})])
     store.fail(ids[1], "no memory", "machine")
     store.void(ids[2], "clouds")

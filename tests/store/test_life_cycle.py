@@ -38,7 +38,7 @@ def test_runs_of_another_host_are_taken_back_when_it_falls_silent(store, monkeyp
     assert store.release_stale() == (ids[0],)
     assert [run.state for run in store.runs()] == ["issued", "running"]
     # It was only asleep: its score is kept once, whoever comes first.
-    assert store.claim([ids[0]])[0].attempts == 2
+    assert store.claim()[0].attempts == 2
     assert store.record_scores(ids[0], [NewScore("crops", 5.0)])
     assert not store.record_scores(ids[0], [NewScore("crops", 5.0)])
 
@@ -55,20 +55,22 @@ def test_a_batch_beyond_the_budget_is_not_kept(store):
 
 
 def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
-    ids = store.add_batch([RUN, RUN, RUN], issue=True)
-    store.claim(ids[:2])
+    ids = store.add_batch([RUN, RUN], issue=True)
+    store.claim()
+    store.add_batch([RUN], issue=True)
     store.record_scores(ids[0], [NewScore("crops", 5.0)])
     with monkeypatch.context() as elsewhere:
         elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
-        store.claim([ids[2]])
+        store.claim()
     assert store.release() == (ids[1],)
     assert [run.state for run in store.runs()] == ["scored", "issued", "running"]
 
 
-def test_the_heart_beats_while_runs_are_held(store):
+def test_the_heart_beats_while_runs_are_held(store, monkeypatch):
+    monkeypatch.setattr(store_module, "BEAT_S", 0.01)
     (run_id,) = store.add_batch([RUN], issue=True)
     (claimed,) = store.claim()
-    with heartbeat(store, every_s=0.01):
+    with heartbeat(store):
         deadline = time.monotonic() + 30.0
         while store.runs()[run_id - 1].seen_at == claimed.seen_at and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -30,12 +30,12 @@ with Store.open(folder, url=url, campaign="test") as store:
     sys.stdin.readline()
     store.add_batch([NewRun({"x": float(me)})] * runs_each, issue=True)
     for number in range(files_each):
-        for run in store.claim(limit=2):
+        for run in store.claim():
             print("claimed", run.run_id, flush=True)
             store.record_scores(run.run_id, [NewScore("crops", float(run.run_id))])
         store.ingest_files([file(f"{me}-{number}.csv", me, number)])
         store.ingest_files([file("shared.csv", 99, number)])  # everybody has it; it counts once
-    while claimed := store.claim(limit=1):
+    while claimed := store.claim():
         for run in claimed:
             print("claimed", run.run_id, flush=True)
             store.record_scores(run.run_id, [NewScore("crops", float(run.run_id))])

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from held import hold
 
 from seqrsm import __version__
 from seqrsm.errors import StoreError
@@ -23,7 +24,7 @@ def bring(store: Store, state: str) -> int:
     """A new run in this state."""
     (run_id,) = store.add_batch([RUN], issue=state in ("issued", "running", "failed"))
     if state == "running":
-        store.claim([run_id])
+        hold(store, [run_id])
     elif state == "failed":
         store.fail(run_id, "no fuel")
     elif state == "scored":
@@ -56,7 +57,7 @@ def test_settings_come_back_as_the_same_numbers(store):
 def test_the_ordinary_way(store):
     (run_id,) = store.add_batch([NewRun(HERE, "optimum", "narrows the interval", "simulation", 2.5, "day 1")])
     store.issue([run_id])
-    (claimed,) = store.claim(limit=5)
+    (claimed,) = store.claim()
     assert (claimed.run_id, claimed.state, claimed.attempts) == (run_id, "running", 1)
     assert store.record_scores(
         run_id, [NewScore("crops", 71.5, se=1.5, n=10, correct=7, metadata={"a": [1, math.nan]})]
@@ -146,23 +147,23 @@ def test_void_needs_a_reason_and_keeps_the_score(store):
 def test_claim_takes_waiting_simulations_only(store):
     ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN], issue=True)
     later = bring(store, "proposed")
-    assert [run.run_id for run in store.claim(limit=1)] == [ids[0]]
-    assert [run.run_id for run in store.claim([ids[0], ids[3]])] == [ids[3]]
-    assert [run.run_id for run in store.claim()] == [ids[1], later]
+    hold(store, ids[:1])
+    assert [run.run_id for run in store.claim()] == [ids[1], ids[3], later]
     assert store.claim() == ()
     assert store.runs()[ids[2] - 1].state == "issued"
     with pytest.raises(StoreError, match="no such run"):
-        store.claim([99])
+        store.issue([99])
 
 
 def test_runs_of_dead_processes_are_released(store, tmp_path, url):
-    ids = store.add_batch([RUN, RUN], issue=True)
+    ids = store.add_batch([RUN], issue=True)
     script = (
         "import sys; from seqrsm.store.store import Store\n"
-        f"with Store.open({str(tmp_path)!r}, url={url!r}) as s: s.claim([{ids[0]}])"
+        f"with Store.open({str(tmp_path)!r}, url={url!r}) as s: s.claim()"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
-    store.claim([ids[1]])
+    ids += store.add_batch([RUN], issue=True)
+    store.claim()
     assert store.release_stale() == (ids[0],)
     assert [run.state for run in store.runs()] == ["issued", "running"]
     assert store.release_stale(older_than_s=-1.0) == (ids[1],)

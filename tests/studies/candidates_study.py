@@ -13,16 +13,19 @@ from __future__ import annotations
 import argparse
 import csv
 import itertools
+import sys
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from synthetic import synthetic_scene
 from validate_flevoland import CELL_M, EFFECTIVE, TEXTURE_DB, TEXTURE_M, scene, table
 
 from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.arrays import FloatArray
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import radar_of, sensors_called

@@ -58,7 +58,7 @@ def per_score(folder: Path) -> float:
     """Time that the store needs for a durable score, one at a time [s]."""
     with Store.open(folder, create=True, campaign="c") as store:
         ids = store.add_batch([NewRun({"x": 1.0})] * 200, issue=True)
-        store.claim(ids)
+        store.claim()
         begin = time.monotonic()
         for run_id in ids:
             store.record_scores(run_id, [NewScore("a", 1.0)])

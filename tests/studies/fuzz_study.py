@@ -17,7 +17,8 @@ import tempfile
 import warnings
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "security")]
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(Path(__file__).parent), str(TESTS / "security"), str(TESTS)]
 
 from fuzzing import LIMIT_S, fuzz, targets  # noqa: E402
 from reliability_report import FOLDER, machine, package, write_section  # noqa: E402

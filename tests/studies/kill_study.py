@@ -18,13 +18,14 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "cli")]
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(Path(__file__).parent), str(TESTS / "cli"), str(TESTS)]
 
 from kill_episodes import COMMANDS, call, course, episode, undisturbed  # noqa: E402
 from reliability_report import FOLDER, machine, write_section  # noqa: E402
+from synthetic import synthetic_scene  # noqa: E402
 
 from seqrsm.scene.file import save_scene  # noqa: E402
-from seqrsm.scene.synthetic import synthetic_scene  # noqa: E402
 
 TABLE = FOLDER / "kills.csv"
 STEPS = 8

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -97,6 +97,8 @@ def seqrsm(drawn: Drawn, seed: int, max_runs: int, *, stops: bool = False) -> An
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "campaign.toml").write_text(campaign_toml(drawn.kind, seed, max_runs), "utf-8")
         spec = load_spec(Path(folder))
+    if not stops:  # an interval that no budget reaches
+        spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 1e-9}))
 
     def score(points: Array) -> list[NewScore]:
         scores = [float(one) for one in drawn.score(points, rng)]
@@ -104,7 +106,7 @@ def seqrsm(drawn: Drawn, seed: int, max_runs: int, *, stops: bool = False) -> An
             return [NewScore("score", one) for one in scores]
         return [NewScore("score", one, n=TRIALS, correct=round(one * TRIALS / 100.0)) for one in scores]
 
-    analysis, runs = make_campaign(spec, "flight", score, n_draws=1000, stops=stops)
+    analysis, runs = make_campaign(spec, "flight", score, n_draws=1000)
     best, posterior = analysis.optimum, analysis.posterior
     shown = getattr(best, "with_departure", None) or best
     names = list(spec.region.names)

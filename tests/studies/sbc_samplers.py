@@ -18,10 +18,11 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
+from seqrsm.fit import ensemble
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import elicited_prior
-from seqrsm.fit.ensemble import Effort, sample_model, sample_posterior
+from seqrsm.fit.ensemble import sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 
@@ -33,13 +34,15 @@ SD = np.full(2, 2.0)
 PRIOR = CoefficientPrior(np.zeros(2), np.diag(SD**-2.0))
 CONJUGATE = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
 DAY = np.arange(12) // 3
-LIGHT = Effort(min_ess=400, walkers=32, ensembles=2, max_seconds=20.0)
+# A light effort for each of thousands of fits.
+ensemble.MIN_ESS, ensemble.MAX_SECONDS = 400.0, 20.0
+ensemble.WALKERS, ensemble.ENSEMBLES = 32, 2
 
 
 def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
-    found = sample_posterior(Z, y, errors="student_t", prior=CONJUGATE, seed=seed, effort=LIGHT)
+    found = sample_posterior(Z, y, errors="student_t", prior=CONJUGATE, seed=seed)
     return np.append(beta, sigma), found.draws
 
 
@@ -49,7 +52,7 @@ def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]
     p = rng.beta(np.maximum(share * phi, 1e-12), np.maximum((1.0 - share) * phi, 1e-12))
     correct = rng.binomial(40, p).astype(float)
     model = beta_binomial_model(Z, correct, np.full(12, 40.0), PRIOR)
-    return np.array([*beta, correlation]), sample_model(model, seed=seed, effort=LIGHT).draws
+    return np.array([*beta, correlation]), sample_model(model, seed=seed).draws
 
 
 def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +61,7 @@ def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
         beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.normal(size=12)
     bounds = LinearBounds(np.eye(2)[1:], np.zeros(1), np.full(1, np.inf))
-    found = sample_posterior(Z, y, prior=CONJUGATE, bounds=bounds, seed=seed, effort=LIGHT)
+    found = sample_posterior(Z, y, prior=CONJUGATE, bounds=bounds, seed=seed)
     return np.append(beta, sigma), found.draws
 
 
@@ -77,7 +80,7 @@ def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarra
     prior = elicited_prior(model, region, (60.0, 95.0), goal="maximize", **said)
     beta, sigma = ancestral(prior, rng)
     X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
-    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, effort=LIGHT)
+    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed)
     keep = np.linspace(0, len(found.draws) - 1, 1000).astype(int)
     places, values = optimum_draws(model, region, found.draws[keep, :-1])
     (place,), (value,) = optimum_draws(model, region, beta[None, :])

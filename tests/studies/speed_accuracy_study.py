@@ -24,9 +24,11 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from synthetic import synthetic_scene
+
 from seqrsm.campaign.simulation import carry_out, task_of
 from seqrsm.scene.file import load_scene, save_scene
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.spec.read import load_spec
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 import prm_cases
 import psm_cases
+from synthetic import synthetic_scene
 
 from seqrsm.errors import UserError
 from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.fading import gamma_tables, normal_table
 from seqrsm.simulate.radar.kernels_speckle import add_speckle

@@ -556,7 +556,7 @@ def whole(made, n: int = 3) -> Analysis:
     assert best.prediction.low <= best.prediction_mean.low <= best.confidence.low <= best.confidence.high
     assert analysis.fitted.departure.process is not None
     assert "lack_of_fit" not in {check.name for check in analysis.decision.checks}
-    batch = made.propose(n, source="simulation", analyses=[analysis])
+    batch = made.decide(n, analyses=[analysis])
     assert len(batch) == n
     assert np.all(made.spec.region.feasible(made.spec.region.code([run.proposed for run in batch])))
     assert all(run.purpose in ("optimum", "regret") for run in batch)
@@ -624,7 +624,7 @@ def test_scores_without_noise(tmp_path: Path) -> None:
     (analysis,) = made.analyse_all(n_draws=400)
     assert analysis.optimum.mean == pytest.approx(80.0, abs=0.1)
     np.testing.assert_allclose(analysis.optimum.point, 0.2, atol=0.05)
-    assert len(made.propose(3, analyses=[analysis])) == 3
+    assert len(made.decide(3, analyses=[analysis])) == 3
 
 
 def test_constant_blocks_are_no_part_of_the_surface(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit import canonical
 from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point
 from seqrsm.fit.least_squares import fit_least_squares
 
@@ -34,11 +35,12 @@ def test_kind_follows_the_signs_of_the_eigenvalues(diagonal: tuple[float, float]
     np.testing.assert_allclose(form.eigenvectors @ np.diag(form.eigenvalues) @ form.eigenvectors.T, B, atol=1e-14)
 
 
-def test_gradient_vanishes_at_the_stationary_point() -> None:
+def test_gradient_vanishes_at_the_stationary_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(canonical, "FLAT", 0.0)
     rng = np.random.default_rng(2)
     A = rng.normal(size=(5, 5))
     b, B = rng.normal(size=5), A + A.T
-    form = canonical_form(0.0, b, B, threshold=0.0)
+    form = canonical_form(0.0, b, B)
     np.testing.assert_allclose(b + 2.0 * B @ form.point, 0.0, atol=1e-11)
     np.testing.assert_array_equal(form.point, form.exact_point)
 
@@ -51,8 +53,9 @@ def test_ridge_point_has_no_part_along_the_flat_axis() -> None:
     assert form.flat.tolist() == [True, False]
 
 
-def test_singular_surface_has_no_exact_point() -> None:
-    form = canonical_form(0.0, np.array([1.0, 0.0]), np.diag([-4.0, 0.0]), threshold=0.0)
+def test_singular_surface_has_no_exact_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(canonical, "FLAT", 0.0)
+    form = canonical_form(0.0, np.array([1.0, 0.0]), np.diag([-4.0, 0.0]))
     assert np.isnan(form.exact_point).all()
     np.testing.assert_allclose(form.point, [0.125, 0.0])
 

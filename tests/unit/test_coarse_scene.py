@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic import synthetic_scene
 
 from seqrsm.scene.layers import cells_in_one, coarse_scene
-from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made(rows=43, cols=50):

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from sklearn import metrics
+from synthetic import synthetic_scene
 
 from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, percent_correct, score_cover, score_evidence
 from seqrsm.score.evidence import WINDOW, Evidence, _lee, evidence_of, pixels_of
 from seqrsm.score.utilities import Asked, asked_for

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
+from short_search import optimal_design
 
 from seqrsm import progress
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
-from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.ensemble import sample_posterior

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,21 +48,14 @@ def campaign(k: int = 3, n: int = 18) -> dict:
 
 
 def propose(
-    model: QuadraticModel,
-    region: Region,
-    *,
-    n: int,
-    spread_share: float = 0.25,
-    min_df_pure_error: int = 4,
-    **given: Any,
+    model: QuadraticModel, region: Region, *, n: int, spread_share: float = 0.25, **given: Any
 ) -> tuple[Proposal, ...]:
     """A batch, its facts by name."""
     facts = {name: given.pop(name) for name in ("prior_precision", "df_pure_error") if name in given}
     evidence = Evidence(given.pop("Z_done"), given.pop("points_done"), **facts)
     sought = Sought(given.pop("x_hat"), given.pop("target_points"))
     source = Source(**{name: given.pop(name) for name in ("rows", "cost") if name in given})
-    testing = partial(criteria.Testing, min_df_pure_error=min_df_pure_error)
-    plan = [(testing, spread_share), (Optimum, 1.0 - spread_share)]
+    plan = [(criteria.Testing, spread_share), (Optimum, 1.0 - spread_share)]
     plan = given.pop("plan", plan)
     return propose_batch(model, region, evidence, sought, n, plan, source=source, **given)
 
@@ -190,7 +182,7 @@ def test_criteria_of_a_plan_have_their_shares_of_a_campaign(shares: tuple[float,
     turns = []
     for before, n in ((0, 90), (90, 1), (91, 29)):
         evidence = Evidence(np.zeros((before, data["model"].p)))
-        batch = propose_batch(data["model"], data["region"], evidence, sought, n, plan, n_candidates=10)
+        batch = propose_batch(data["model"], data["region"], evidence, sought, n, plan)
         turns += [int(proposal.purpose) for proposal in batch]
     counts = np.array([np.cumsum(np.array(turns) == place) for place in range(len(shares))])
     assert np.all(np.abs(counts - np.outer(shares, np.arange(1, 121))) <= 1.0 + 1e-9)
@@ -220,12 +212,15 @@ def mixed_campaign() -> dict:
 
 
 @pytest.mark.parametrize("make", [campaign, mixed_campaign])
-def test_repeats_are_exact_copies_of_executed_settings(make: Callable[[], dict]) -> None:
+def test_repeats_are_exact_copies_of_executed_settings(
+    make: Callable[[], dict], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """To the bit, of a run made or of one chosen before it: else they tell nothing of pure error."""
+    monkeypatch.setattr(criteria, "MIN_DF_PURE_ERROR", 40)
     data = make() | {"df_pure_error": 0}
     executed = [tuple(point) for point in data["points_done"]]
     purposes = []
-    for proposal in propose(**data, n=12, min_df_pure_error=40, n_candidates=500):
+    for proposal in propose(**data, n=12):
         point = tuple(proposal.point)
         purposes.append(proposal.purpose)
         if proposal.purpose == "repeat":

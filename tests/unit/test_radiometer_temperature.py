@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from synthetic import fractal_terrain
 
 from seqrsm.scene.temperature import Sun, cast_shadow, physical_temperature_k, sun_exposure, sun_position, time_exposure
-from seqrsm.scene.terrain import fractal_terrain
 
 
 def test_sun_at_known_places_and_times():

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic import synthetic_scene
 
 from seqrsm.errors import SceneError
 from seqrsm.scene import file as scene_file
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.scene.synthetic import synthetic_scene
 
 
 def small(**changes: Any) -> Scene:

@@ -1,4 +1,4 @@
-"""Fields, terrain, synthetic scenes and statistics against closed forms and scipy."""
+"""Fields, slopes and statistics against closed forms and scipy."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
+from synthetic import synthetic_scene
 
-from seqrsm.errors import SceneError
 from seqrsm.scene.fields import _mix, connected_patches, draw_index, hash_uniform, voronoi_labels
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import synthetic_scene
-from seqrsm.scene.terrain import fractal_terrain, rms_slope, slopes
+from seqrsm.scene.terrain import rms_slope, slopes
 
 
 def test_hash_is_splitmix64() -> None:
@@ -72,28 +71,7 @@ def test_slopes_of_a_plane() -> None:
     assert rms_slope(0.3 * east - 0.1 * north, 5.0) == pytest.approx(np.sqrt(0.05))
 
 
-def test_terrain_relief_and_seed() -> None:
-    terrain = fractal_terrain(120, 90, relief_m=40.0, seed=1)
-    assert np.ptp(terrain) == pytest.approx(40.0)
-    assert terrain.min() == 0.0
-    np.testing.assert_array_equal(terrain, fractal_terrain(120, 90, relief_m=40.0, seed=1))
-    assert not np.array_equal(terrain, fractal_terrain(120, 90, relief_m=40.0, seed=2))
-    assert not fractal_terrain(5, 5, relief_m=0.0, seed=0).any()
-
-
-@pytest.mark.parametrize("exponent", [2.5, 3.5])
-def test_terrain_spectrum(exponent: float) -> None:
-    """Increments of a surface with spectrum k^-b grow as distance^((b-2)/2): the structure function."""
-    lag = np.array([4, 8, 16])
-    slope = []
-    for seed in range(12):
-        terrain = fractal_terrain(512, 512, relief_m=1.0, exponent=exponent, seed=seed)
-        structure = [np.mean((terrain[:, n:] - terrain[:, :-n]) ** 2) for n in lag]
-        slope.append(np.polyfit(np.log(lag), np.log(structure), 1)[0])
-    assert np.mean(slope) == pytest.approx(exponent - 2.0, abs=0.15)
-
-
-def test_synthetic_scene() -> None:
+def test_statistics_of_a_drawn_scene() -> None:
     scene = synthetic_scene(
         200, 300, 5.0, categories=["Wheat", "Corn"], field_m=100.0,
         relief_m=30.0, seed=4,
@@ -105,8 +83,3 @@ def test_synthetic_scene() -> None:
     assert found.median_field_m2 == pytest.approx(1e4, rel=0.4)
     assert found.category_fractions["Wheat"] == pytest.approx(0.5, abs=0.15)
     assert found.scored_fraction == 1.0
-
-
-def test_bad_synthetic_scenes() -> None:
-    with pytest.raises(SceneError, match="field_m"):
-        synthetic_scene(10, 10, 5.0, categories=["A"], field_m=1.0)

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from synthetic import synthetic_scene
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import synthetic_scene
 
 
 def made() -> object:

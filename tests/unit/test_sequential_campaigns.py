@@ -109,7 +109,7 @@ def test_eight_factors(campaign) -> None:
     (analysis,) = made.analyse_all(n_draws=200)
     assert analysis.fit.n_terms == 45
     assert not analysis.decision.held  # 3 x 45 runs are asked for
-    assert len(made.propose(8, analyses=[analysis])) == 8
+    assert len(made.decide(8, analyses=[analysis])) == 8
 
 
 def test_budget_below_the_terms_is_refused(campaign) -> None:
@@ -442,7 +442,8 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
     assert many.sources.interval.low < 4.4 < many.sources.interval.high
     assert many.sources.both.prior_share < few.sources.both.prior_share
     assert many.optimum.mean == pytest.approx(84.5, abs=2.0)
-    proposals = made.propose(6, source="best", analyses=[many])
+    made.store.mark()
+    proposals = made.decide(6, "best", analyses=[many])
     assert {run.source for run in proposals} <= {"simulation", "flight"}
     cheap = sum(run.source == "simulation" for run in proposals)
     assert cheap >= 1
