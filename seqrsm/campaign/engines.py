@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from pathlib import Path
@@ -109,7 +109,7 @@ def _targets(path: str) -> tuple[CulturalTarget, ...]:
 
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, day: float | None) -> tuple[str, ...]:
-    frame = make_frame(scene, sensor, "float32")
+    frame = make_frame(scene, replace(sensor, texture_db=0.0), "float32")  # nothing here asks for parts of fields
     transfer_function(sensor, 1.0)
     if sensor.processing:
         named_function("processing", sensor.processing)

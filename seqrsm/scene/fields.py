@@ -6,6 +6,7 @@ version of numpy.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,10 +38,6 @@ def hash_uniform(keys: ArrayLike, seed: int) -> FloatArray:
     return np.asarray((word >> np.uint64(11)).astype(np.float64) * 2.0**-53)
 
 
-_ROWS_AT_ONCE = 64
-"""Rows whose nearest centres are sought together: the work space stays small, and in the cache."""
-
-
 def _mix(z: NDArray[np.uint64] | np.uint64) -> NDArray[np.uint64]:
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -69,18 +66,19 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> NDArray[
     square_row, square_col = np.divmod(number, n_cols)
     centre_row = (square_row - 2) * spacing + np.floor(hash_uniform(2 * number, seed) * spacing).astype(np.int64)
     centre_col = (square_col - 2) * spacing + np.floor(hash_uniform(2 * number + 1, seed) * spacing).astype(np.int64)
-    label = np.zeros((rows, cols), dtype=np.int32)
-    for first in range(0, rows, _ROWS_AT_ONCE):
-        row, col = np.ogrid[first : min(first + _ROWS_AT_ONCE, rows), 0:cols]
-        part = label[first : first + _ROWS_AT_ONCE]
-        best = np.full(part.shape, np.iinfo(np.int64).max)
-        for d_row in range(-2, 3):  # the nearest centre lies within two squares
-            for d_col in range(-2, 3):
-                candidate = (row // spacing + 2 + d_row) * n_cols + (col // spacing + 2 + d_col)
-                distance = (row - centre_row[candidate]) ** 2 + (col - centre_col[candidate]) ** 2
-                nearer = distance < best
-                best[nearer] = distance[nearer]
-                part[nearer] = candidate[nearer]
+    label, col = np.empty((rows, cols), dtype=np.int32), np.arange(cols)
+    for first in range(0, rows, spacing):  # a row of squares
+        row = np.arange(first, min(first + spacing, rows))[:, None]
+        best = np.full((row.size, cols), np.iinfo(np.int64).max)
+        for d_row, d_col in itertools.product(range(5), range(5)):  # the nearest centre lies within two squares
+            candidate = (first // spacing + d_row) * n_cols + col // spacing + d_col
+            # Square of the distance and number of the centre in one integer: of two as near the lower number counts.
+            key = (row - centre_row[candidate]) ** 2
+            key += (col - centre_col[candidate]) ** 2
+            key *= number.size
+            key += candidate
+            np.minimum(best, key, out=best)
+        label[row[:, 0]] = best % number.size
     return label
 
 

@@ -136,7 +136,7 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
         if evidence.label is not None:
             counts = np.where((evidence.label == label)[:, None], counts, 0)
         laws = (centre, scale, known_scale, constant + said)
-        confusion += kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws)
+        kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion)
     return Classified(confusion[by.seen], by.classes)
 
 
@@ -166,8 +166,9 @@ def _laws(
     ``alone``: a single tile teaches itself.
     """
     features, covariates = evidence.features, evidence.covariates
-    sums = kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY)
-    n_classes, d = sums.shape[2], len(features)
+    n_classes, d = evidence.teaching.shape[1], len(features)
+    sums = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
+    kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums)
     row, column = np.tril_indices(d)
     centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
     known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)

@@ -119,7 +119,7 @@ def merge_pixels(x: AnyArray, one: AnyArray, other: AnyArray, threshold: float) 
 
 
 @kernel
-def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float) -> AnyArray:
+def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float, out: AnyArray) -> None:
     """Sums over the pixels of each half and class, of those that the class fills to a purity and of the others.
 
     Parameters
@@ -131,16 +131,12 @@ def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, 
     half : int64 array (n_tiles,)
         0 or 1.
     purity : float
-
-    Returns
-    -------
-    float64 array (2, 2, n_classes, 2 + d + d (d + 1) / 2)
+    out : float64 array (2, 2, n_classes, 2 + d + d (d + 1) / 2)
         By half, by pure or not, by class: sums of the cells and of their squares; of the cells times each feature; of
-        the cells times the product of each two, by rows of the lower triangle.
+        the cells times the product of each two, by rows of the lower triangle. Added to.
     """
     d, n_pixels = features.shape
     n_classes = counts.shape[1]
-    out = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
     x = np.empty(d)
     for n in range(n_pixels):
         cells = 0.0
@@ -165,7 +161,6 @@ def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, 
                 for j in range(i + 1):
                     own[at] += wx * x[j]
                     at += 1
-    return out
 
 
 @kernel
@@ -236,7 +231,8 @@ def name_classes(
     scale: AnyArray,
     known_scale: AnyArray,
     constant: AnyArray,
-) -> AnyArray:
+    confusion: AnyArray,
+) -> None:
     """Give each pixel the class under whose law it is likeliest, and count what is right.
 
     Parameters
@@ -251,18 +247,15 @@ def name_classes(
         The same for the covariates alone.
     constant : float64 array (2, n_classes)
         Added to the log likelihood; -inf for a class that cannot be named.
-
-    Returns
-    -------
-    int64 array (n_tiles, n_classes, n_classes)
-        By tile, cells of class (row) that were given class (column).
+    confusion : int64 array (n_tiles, n_classes, n_classes)
+        By tile, cells of class (row) that were given class (column). Added to.
     """
     d, n_pixels = features.shape
     n_classes, own = counts.shape[1], d - known_scale.shape[2]
     block = 128
-    confusion = np.zeros((half.shape[0], n_classes, n_classes), dtype=np.int64)
     # A block of pixels of each half is gathered before it is named.
-    x, pixel, filled = np.empty((2, d, block)), np.empty((2, block), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    x, pixel, filled = np.empty((2, d, block)), np.empty((2, block), dtype=np.int64), np.empty(2, dtype=np.int64)
+    filled[0] = filled[1] = 0
     square, z, best = np.empty(block), np.empty(block), np.empty(block)
     named = np.empty(block, dtype=np.int64)
     for n in range(n_pixels + 2):
@@ -290,4 +283,3 @@ def name_classes(
             for k in range(n_classes):
                 if counts[p, k] != 0:
                     confusion[tile[p], k, name] += counts[p, k]
-    return confusion

@@ -29,14 +29,15 @@ def test_hash_uniform_is_uniform_and_seeded() -> None:
     np.testing.assert_array_equal(draws[[7, 3]], hash_uniform([7, 3], seed=5))
 
 
-def test_voronoi_is_the_nearest_centre() -> None:
-    label = voronoi_labels(60, 83, 9, seed=2)
-    n_cols = -(-83 // 9) + 4
-    number = np.arange((-(-60 // 9) + 4) * n_cols)
-    row = (number // n_cols - 2) * 9 + np.floor(hash_uniform(2 * number, 2) * 9)
-    col = (number % n_cols - 2) * 9 + np.floor(hash_uniform(2 * number + 1, 2) * 9)
+@pytest.mark.parametrize(("rows", "cols", "spacing"), [(60, 83, 9), (5, 7, 20), (23, 17, 1)])
+def test_voronoi_is_the_nearest_centre(rows: int, cols: int, spacing: int) -> None:
+    label = voronoi_labels(rows, cols, spacing, seed=2)
+    n_cols = -(-cols // spacing) + 4
+    number = np.arange((-(-rows // spacing) + 4) * n_cols)
+    row = (number // n_cols - 2) * spacing + np.floor(hash_uniform(2 * number, 2) * spacing)
+    col = (number % n_cols - 2) * spacing + np.floor(hash_uniform(2 * number + 1, 2) * spacing)
     centre = np.column_stack([row, col])
-    cell = np.argwhere(np.ones((60, 83), bool))
+    cell = np.argwhere(np.ones((rows, cols), bool))
     nearest = cKDTree(centre).query(cell)[0]
     got = np.hypot(*(cell - centre[label.ravel()]).T)
     np.testing.assert_allclose(got, nearest)

@@ -117,7 +117,7 @@ def field_factors(occasion: Occasion) -> FloatArray:
     """Factor of each field's sigma0 (n_channels, n_fields); (n_channels, 0) where all are 1, which costs nothing."""
     if not occasion.field_offset_db.any():
         return np.empty((len(occasion.field_offset_db), 0))
-    return np.asarray(10.0 ** (0.1 * occasion.field_offset_db))
+    return db_to_linear(occasion.field_offset_db)
 
 
 def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
