@@ -124,12 +124,9 @@ class Cloud:
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
         if region.k > _SPARSE:
-            aside = np.where(
-                rng.random((_ASIDE, region.k)) < 2.0 / region.k,
-                region.sample(_ASIDE, rng),
-                peak[rng.integers(len(peak), size=_ASIDE)],
-            )
-            fresh = np.vstack([fresh, aside])
+            moved = rng.random((_ASIDE, region.k)) < 2.0 / region.k
+            others = region.sample(_ASIDE, rng)
+            fresh = np.vstack([fresh, np.where(moved, others, peak[rng.integers(len(peak), size=_ASIDE)])])
         fresh = fresh[region.feasible(fresh, tol=1e-9)]
         still = still[np.argsort(-heights[1 + _COVER :], kind="stable")[:_AGAIN]]
         still = still if pending is None else np.vstack([still, pending])

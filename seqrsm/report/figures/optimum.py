@@ -174,7 +174,8 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     for band, alpha in ((line.prediction, 0.14), (line.confidence, 0.32)):
         axes.fill_between(line.x, band.low, band.high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
     axes.plot(line.x, mean, color=drawing.BLUE)
-    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    cut = bool(np.any(np.abs(analysis.data.points[:, line.index]) > 1.0 + 1e-9))  # runs outside the region; else whole
+    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3, clip_on=cut)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)

@@ -264,10 +264,8 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     ranked = [rows[name] for name in ranked_factors(analysis) if name in rows]
     most = max(ranked, key=lambda row: row.share_total if math.isfinite(row.share_total) else -1.0)
     if most.share_total > ranked[0].share_total:
-        text = (
-            f"The fitted surface changes most with {readable(most.factor)} (total effect "
-            f"{format_share(most.share_total)}); the order is that of F, which is less for effects of many terms."
-        )
+        text = f"The fitted surface changes most with {readable(most.factor)} (total effect "
+        text += f"{format_share(most.share_total)}); the order is that of F, which is less for effects of many terms."
         blocks.append(Paragraph(text))
     cells = (
         (
