@@ -138,20 +138,20 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
     analyses, recommended = _so_far(spec)
-    analysis, own = (analyses[0] if analyses else None), 0
+    analysis, own = analyses.get(spec.applications[0].name), 0
     noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
     spread = float("nan")
     covers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     if spec.simulator is not None:
         noise, share, own, df, seconds, notes = _probe_noise(spec, progress)
+        analysis = analyses.get(spec.applications[own].name)
         spread = float("nan") if analysis is not None else _spread(spec, noise, own)
         source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
         if len(spec.applications) > 1:
             source += f"; of {spec.applications[own].name}, whose scores scatter most"
-        if analyses:
-            analysis = analyses[own]
-            share = analysis.fitted.ground_share if analysis.fitted.ground is not None else share
+        if analysis is not None and analysis.fitted.ground is not None:
+            share = analysis.fitted.ground_share
         covers = scene_at(str(spec.scene_path)).categories
     elif analysis is not None:
         noise, df = float(analysis.fit.s), analysis.fit.df_residual
@@ -331,15 +331,16 @@ def _probe_noise(
     return noise, min(share, MOST_SHARE), own, len(settings) * (worlds - 1), seconds, tuple(notes)
 
 
-def _so_far(spec: CampaignSpec) -> tuple[tuple[Analysis, ...], list[Mapping[str, float | str]]]:
-    """Each application's analysis, none where scores are too few, and what the last looks recommend."""
+def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
+    """Analyses of applications, none where scores are too few, and what the last looks recommend."""
     if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
-        return (), []
+        return {}, []
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
         looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
-        analyses: tuple[Analysis, ...] = ()
-        with suppress(FitError):
-            analyses = tuple(Campaign(spec, store).analyse_all())
+        analyses: dict[str, Analysis] = {}
+        for one in spec.applications:
+            with suppress(FitError):
+                (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)
     return analyses, list(looks.values())
 
 

@@ -370,7 +370,8 @@ def _slice_panels(analysis: Analysis, indices: Sequence[int]) -> tuple[Panel, ..
     lines = [line(analysis, index) for index in indices]
     shown = [v[one.allowed] for one in lines for v in (one.mean, one.prediction.low, one.prediction.high)]
     scores = np.concatenate([*shown, *(one.run_score for one in lines)])
-    ends = float(np.nanmin(scores)), float(np.nanmax(scores))
+    scores = scores[np.isfinite(scores)]
+    ends = float(scores.min()), float(scores.max())
     return tuple(_slice_panel(analysis, one, ends) for one in lines)
 
 
