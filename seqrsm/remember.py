@@ -90,8 +90,8 @@ def cached_by_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]
 
 @lru_cache(maxsize=1)
 def _code() -> str:
-    """Digest of this package, with the versions of what it computes by."""
+    """Digest of this package and its tables, with the versions of what it computes by."""
     digest = hashlib.sha256()
-    for path in sorted(PACKAGE.glob("**/*.py")):
+    for path in sorted((*PACKAGE.glob("**/*.py"), *PACKAGE.glob("**/*.csv"))):
         digest.update(path.read_bytes())
     return " ".join((digest.hexdigest(), sys.version, *(version(name) for name in ("numpy", "scipy", "emcee"))))

@@ -155,6 +155,8 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     """
     columns, _ = block_columns(block_labels(spec, data))
     Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
+    if not len(data.scores):  # the fit says what is missing
+        return ResponseScale.of("identity", data.scores, Z)
     if spec.model.weights == "equal":
         return ResponseScale.of(spec.model.response, data.scores, Z)
     if spec.model.weights == "counts":

@@ -34,11 +34,12 @@ from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.store import STORE_NAME, Store
 
-PROBE_WORLDS = 4
+PROBE_WORLDS, _LEAST_WORLDS = 4, 12
 """Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
-factors; they measure noise and time, belong to no run and are not kept."""
+factors, and of all levels together; they measure noise and time, belong to no run and are not kept."""
 
 SPREAD_PROBES = 16
 """Simulations at settings all over the region, which tell how much the score varies there."""
@@ -136,24 +137,31 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
-    analysis, recommended = _so_far(spec)
+    analyses, recommended = _so_far(spec)
+    analysis, own = analyses.get(spec.applications[0].name), 0
     noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
     spread = float("nan")
     covers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     if spec.simulator is not None:
-        noise, share, df, seconds, notes = _probe_noise(spec, progress)
-        spread = float("nan") if analysis is not None else _spread(spec, noise)
+        noise, share, own, df, seconds, notes = _probe_noise(spec, progress)
+        analysis = analyses.get(spec.applications[own].name)
+        spread = float("nan") if analysis is not None else _spread(spec, noise, own)
         source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
+        if len(spec.applications) > 1:
+            source += f"; of {spec.applications[own].name}, whose scores scatter most"
+        if analysis is not None and analysis.fitted.ground is not None:
+            share = analysis.fitted.ground_share
         covers = scene_at(str(spec.scene_path)).categories
     elif analysis is not None:
         noise, df = float(analysis.fit.s), analysis.fit.df_residual
         source = f"residuals of {analysis.fit.n_runs} scored runs"
-    surfaces = _surfaces(spec, noise, spread, analysis)
-    unit = spec.applications[0].score_unit
+    application = spec.applications[own]
+    surfaces = _surfaces(spec, application, noise, spread, analysis)
+    unit = application.score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     rule = stop_rule(spec, share)
-    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, surfaces, at, spec.seed)
+    budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
@@ -284,14 +292,15 @@ def _by_flights(rule: StopRule, noise: float) -> str:
 
 def _probe_noise(
     spec: CampaignSpec, progress: Callable[[int, int], None]
-) -> tuple[float, float, int, float, tuple[str, ...]]:
-    """Noise, the ground's share of its variance, degrees of freedom, seconds of a simulated run, and notes."""
+) -> tuple[float, float, int, int, float, tuple[str, ...]]:
+    """Noise, the ground's share of its variance, whose they are, degrees of freedom, seconds of a run, and notes."""
     levels_of = list(spec.region.level_combinations())
     points = np.tile(spec.region.centre(), (len(levels_of), 1))
     points[:, list(spec.region.categorical)] = levels_of
     settings = spec.region.decode(points[spec.region.feasible(points)])[:8]
     # Ids far beyond any campaign's: their occasions are no run's.
-    probes = PROBE_WORLDS * OCCASIONS
+    worlds = max(PROBE_WORLDS, _LEAST_WORLDS // len(settings))
+    probes = worlds * OCCASIONS
     tasks = [
         replace(task_of(spec, 2**31 - 1 - i, setting), world=2**31 - 1 - i // OCCASIONS)
         for i, setting in enumerate(np.repeat(np.array(settings), probes))
@@ -311,42 +320,46 @@ def _probe_noise(
     if failed:
         raise SpecError(*(Problem(reason, file=str(spec.folder / SPEC_NAME)) for reason in dict.fromkeys(failed)))
     scores = np.array([[score.score for score in result.scores] for result in results])
-    groups = scores.reshape(len(settings), PROBE_WORLDS, OCCASIONS, -1)
+    groups = scores.reshape(len(settings), worlds, OCCASIONS, -1)
     found = []
     for k in range(groups.shape[-1]):
         of = [ground_of_scores(group[:, :, k]) for group in groups]
         ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
         found.append((float(np.sqrt(ground + chance)), float(ground / max(ground + chance, 1e-300))))
-    noise, share = max(found)
-    return noise, min(share, MOST_SHARE), len(settings) * (PROBE_WORLDS - 1), seconds, tuple(notes)
+    own = found.index(max(found))
+    noise, share = found[own]
+    return noise, min(share, MOST_SHARE), own, len(settings) * (worlds - 1), seconds, tuple(notes)
 
 
-def _so_far(spec: CampaignSpec) -> tuple[Analysis | None, list[Mapping[str, float | str]]]:
-    """The first application's analysis, None where scores are too few, and what the last looks recommend."""
+def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
+    """Analyses of applications, none where scores are too few, and what the last looks recommend."""
     if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
-        return None, []
+        return {}, []
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
         looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
-        analysis = None
-        with suppress(FitError):
-            analysis = Campaign(spec, store).analyse_all(spec.applications[0].name)[0]
-    return analysis, list(looks.values())
+        analyses: dict[str, Analysis] = {}
+        for one in spec.applications:
+            with suppress(FitError):
+                (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)
+    return analyses, list(looks.values())
 
 
-def _spread(spec: CampaignSpec, noise: float) -> float:
-    """Standard deviation of the expected score over the region, from simulations at random settings."""
+def _spread(spec: CampaignSpec, noise: float, own: int) -> float:
+    """Standard deviation of an application's expected score over the region, from simulations at random settings."""
     points = spec.region.sample(SPREAD_PROBES, generator(spec.seed, 0, "spread"))
     settings = spec.region.decode(points)
     results = [carry_out(task_of(spec, 2**31 - 1001 - i, setting)) for i, setting in enumerate(settings)]
-    scores = [result.scores[0].score for result in results if not result.failure]
+    scores = [result.scores[own].score for result in results if not result.failure]
     if len(scores) < SPREAD_PROBES // 2:
         return float("nan")
     return math.sqrt(max(float(np.var(scores, ddof=1)) - noise**2, (0.5 * noise) ** 2))
 
 
-def _surfaces(spec: CampaignSpec, noise: float, spread: float, analysis: Analysis | None) -> Surfaces:
+def _surfaces(
+    spec: CampaignSpec, application: ApplicationSpec, noise: float, spread: float, analysis: Analysis | None
+) -> Surfaces:
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
-    prior = spec.applications[0].prior
+    prior = application.prior
     if analysis is not None and spec.model.response == "identity" and np.isfinite(analysis.fit.s):
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"

@@ -242,7 +242,8 @@ def file_messages(
     messages = outside_messages(outside)
     if file.unscored:
         count = "1 row has" if len(file.unscored) == 1 else f"{len(file.unscored)} rows have"
-        messages.append(f"{count} no score yet and may be ingested later (lines {_few(file.unscored)}).")
+        lines = "line" if len(file.unscored) == 1 else "lines"
+        messages.append(f"{count} no score yet and may be ingested later ({lines} {_few(file.unscored)}).")
     if spec.model.block is not None and any(not run.block for run in runs):
         messages.append(f"Some rows are empty in the block column '{spec.model.block}'.")
     return messages

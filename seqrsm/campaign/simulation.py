@@ -461,10 +461,12 @@ def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_po
     if problem.file is not None:
         return problem
     alike = all(str(other) == str(problem) for other, _ in met)
-    if alike and len(met) == n_points and problem.field not in spec.region.names:
+    fixed = len(met) == n_points and problem.field not in spec.region.names
+    if alike and fixed:
         return fixed_problem(spec, problem)
     if isinstance(problem.value, float):
         problem = replace(problem, value=float(f"{problem.value:.10g}"))  # a setting, once more in its own unit
     where = f"{len(met)} of {n_points} settings, for instance at {shown}"
     text = f"{str(problem).rstrip('.')}. This happens at {where}"
-    return Problem(text, "Narrow the factor's range, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
+    remedy = "Change it or all ranges." if fixed else "Narrow the factor's range, or add a [[constraint]]."
+    return Problem(text, remedy, file=str(spec.folder / SPEC_NAME))

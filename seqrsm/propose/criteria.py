@@ -117,7 +117,10 @@ class Spread(Greedy):
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         se = self.known.standard_error(choice.row)
-        why = f"the mean is least certain here (standard error {se:.2g} s): keeps lack of fit testable over the region"
+        why = (
+            f"the mean is least certain here (standard error {se:.2g} times that of a run): keeps lack of fit testable "
+            "over the region"
+        )
         return "spread", f"{why}{choice.again}"
 
 

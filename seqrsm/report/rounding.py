@@ -138,7 +138,8 @@ def format_plain(value: float) -> str:
     if not math.isfinite(value):
         return format_number(value)
     text = f"{value:.12g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
+    if "e" in text or text.endswith("0" * 7):
+        mantissa, exponent = f"{value:.11e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".")
         return f"{_signed(mantissa)} \u00d7 10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     return _signed(text)

@@ -172,8 +172,9 @@ def fixed_label(name: str) -> str:
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:
-    """A sentence in which factors stand by their readable names, and no line ends before a percent sign."""
+    """A sentence with readable names of factors and powers of ten, and no line that ends before a percent sign."""
     text = re.sub(r"(?<=\d) (?=%)", "\u00a0", text)
+    text = re.sub(r"\d(?:\.\d+)?e[+-]\d+(?!\w)", lambda found: format_plain(float(found[0])), text)
     for name in sorted((name for name in names if "_" in name), key=len, reverse=True):
         text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", readable(name), text)
     return text

@@ -251,3 +251,15 @@ def test_a_renamed_application_is_told(tmp_path) -> None:
     edited(folder, 'name = "score"', 'name = "yield"')
     told = call("fit", folder, code=2).output
     assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in " ".join(told.split())
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("weights", ["equal", "se", "counts"])
+@pytest.mark.parametrize("response", ["identity", "logit"])
+def test_without_scores_a_fit_says_how_many_are_missing(tmp_path: Path, weights: str, response: str) -> None:
+    """And nothing of a mean of an empty slice."""
+    model = f'[model]\nweights = "{weights}"\nresponse = "{response}"\n'
+    folder = make(tmp_path / "none", numeric(2), "half_width = 5.0", model)
+    text = (folder / "campaign.toml").read_text(encoding="utf-8").replace('"measured"', '"percent_correct"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    assert "0 scored runs cannot determine 6 terms" in call("fit", folder, code=2).output

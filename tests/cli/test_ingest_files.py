@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
 
 SPEC = """\
 [campaign]
@@ -262,6 +263,7 @@ def test_rankings_give_scores_with_errors(ranked):
     says = ranked.ingest(ranking_file(ann="1 2 3 4 5 6", bob="1 3 2 4 6 5", cy="6 5 4 3 2 1"), "--json")
     (report,) = json.loads(says)
     assert (report["matched"], report["rankings"]) == ([1, 2, 3, 4, 5, 6], [1, 2, 3])
+    assert load_spec(ranked.path).applications[0].score_unit == "logit"  # no interval of a report is without its unit
     effects = {one["interpreter"]: one for one in report["ranked"][0]["interpreters"]}
     assert effects["cy"]["agreement"] < 0 < effects["ann"]["agreement"]
     runs = [run for run in ranked.runs() if run["state"] == "scored"]

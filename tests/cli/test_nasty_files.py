@@ -244,6 +244,8 @@ def test_a_form_half_filled_in(folder: Path) -> None:
     code, output = ingest(folder, NUMBERS, text(*GOOD, "3,12,HH,", "4,12,VV,"))
     assert code == 0
     assert "2 rows have no score yet and may be ingested later (lines 9, 10)." in output
+    _, output = ingest(folder, NUMBERS, text(*GOOD, "3,12,HH,"))
+    assert "1 row has no score yet and may be ingested later (line 9)." in output
 
 
 def frame() -> pd.DataFrame:

@@ -225,6 +225,14 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     assert re.search(
         r"This happens at \d+ of \d+ settings, for instance at polarization = HH, resolution = 10\.", narrow
     )
+    assert "Narrow the factor's range" in narrow
+    # One that is wrong at all settings, with another limit at each, is not mended by a narrower range.
+    height = '[[factor]]\nname = "altitude_m"\nlow = 3000\nhigh = 4000\n[[application]]'
+    text = text.replace("altitude_m = 4000.0", "prf_hz = 190000.0").replace("[[application]]", height, 1)
+    everywhere = told("nothing", "nothing")
+    assert re.search(r"prf_hz: .* This happens at (\d+) of \1 settings", everywhere)
+    assert "Change it or all ranges." in everywhere
+    assert "Narrow" not in everywhere
 
 
 def test_a_sensor_that_cannot_be_built_is_told_once_however_many_its_numbers_are(tiny) -> None:

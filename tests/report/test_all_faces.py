@@ -56,6 +56,7 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.content import build_report
+from seqrsm.report.figures.drawing import svg_for_html
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.candidates import candidate_section
@@ -398,6 +399,8 @@ def test_more_candidates_than_a_page_holds_are_drawn_in_parts_on_one_scale() -> 
     panels = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
     assert [len(panel.data().rows) for panel in panels] == [9, 9, 9, 9, 9, 9, 8]
     assert panels[1].title == "Candidates 10 to 18 of 62 against the optimum, crops"
+    assert "min-width:501px" in svg_for_html(panels[1].svg, "a")  # it scrolls in a narrow window and does not shrink
+    assert "min-width" not in svg_for_html('<svg width="208.8pt"></svg>', "a")
     assert len({panel.name for panel in panels}) == 7
     assert all("\u221240" in panel.svg for panel in panels)
 

@@ -39,6 +39,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.data import question_section
+from seqrsm.report.sections.model import importance_section
 from seqrsm.report.wording import number_cell
 from seqrsm.spec.tables import StopSpec
 
@@ -329,6 +330,55 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     here = np.argmin(np.abs(drawn.x - analysis.optimum.settings["frequency"]))
     at_optimum = 100.0 / (1.0 + np.exp(-(row @ fit.estimate)[0]))
     assert drawn.mean[here] == pytest.approx(at_optimum, abs=0.3)
+
+
+def test_slices_share_an_axis_and_show_no_impossible_score(simulated, monkeypatch):
+    """A reader compares the panels; a run moved to another setting scores no more than 100 percent there either."""
+    from seqrsm.report.figures import surfaces
+    from seqrsm.report.sections import optimum as section
+
+    analysis, seen = simulated.analyses[0], []
+
+    def paint(analysis, line, scores, axes):
+        section_paint(analysis, line, scores, axes)
+        seen.append((line, axes.get_ylim()))
+        if line.index < 2:  # continuous: marks of runs at a bound are whole, behind the two bands
+            assert not axes.collections[2].get_clip_on()
+
+    section_paint = section.paint_slice
+    monkeypatch.setattr(section, "paint_slice", paint)
+    far = dataclasses.replace(analysis.fit, residuals=np.full(analysis.fit.n_runs, 90.0))
+    analysis = dataclasses.replace(analysis, fitted=dataclasses.replace(analysis.fitted, fit=far))
+    for panel in section._slices(analysis, range(4)).panels:
+        assert panel.svg
+    assert len(seen) == 4
+    assert len({limits for _, limits in seen}) == 1
+    assert max(line.run_score.max() for line, _ in seen) == 100.0
+    low, high = seen[0][1]
+    assert all(low < line.prediction.low[line.allowed].min() for line, _ in seen)
+    assert high > 100.0
+    assert surfaces.line(analysis, 0).run_score.max() == 100.0
+
+
+def test_a_factor_that_changes_the_surface_more_than_the_first_is_named(simulated):
+    analysis = simulated.analyses[0]
+    text = "The fitted surface changes most with "
+
+    def told(shares):
+        rows = [
+            dataclasses.replace(row, share=share, share_total=share)
+            for row, share in zip(analysis.importance, shares, strict=True)
+        ]
+        blocks = importance_section(dataclasses.replace(analysis, importance=tuple(rows)), "k").blocks
+        return [block.text for block in blocks if isinstance(block, Paragraph) and block.text.startswith(text)]
+
+    first = max(range(4), key=lambda i: analysis.importance[i].f)
+    assert told([0.7 if i == first else 0.1 for i in range(4)]) == []
+    assert told([float("nan")] * 4) == []
+    other = (first + 1) % 4
+    (found,) = told([0.6 if i == other else 0.1 for i in range(4)])
+    assert "(total effect 60" in found
+    assert analysis.importance[other].factor.replace("_", " ") in found
 
 
 def test_importing_the_package_draws_nothing_heavy():

@@ -83,4 +83,7 @@ def test_powers_of_ten_where_plain_digits_are_long():
     assert format_significant(1234.5, 2) == "1200"
     assert [format_significant(x, 2) for x in (9.96, 9.94, 0.0996, -99.6)] == ["10", "9.9", "0.10", "\u2212100"]
     assert format_plain(1e-9) == "1 × 10⁻⁹"
+    assert [format_plain(x) for x in (1e9, -2.5e8, 1.5e-7, 1e6, 123456789.0)] == [
+        *("1 × 10⁹", "\u22122.5 × 10⁸", "1.5 × 10⁻⁷", "1000000", "123456789")
+    ]
     assert format_plain(0.1) == "0.1"

@@ -218,3 +218,22 @@ def test_a_surface_known_without_error() -> None:
     # Single draws may still be bent: the chain is short, and scores without noise leave it little room to move in.
     np.testing.assert_allclose(np.median(draws, axis=0), bowl(cloud.points), atol=1.0)
     np.testing.assert_allclose(draws, np.tile(bowl(cloud.points), (len(draws), 1)), atol=10.0)
+
+
+def test_optima_of_draws_spread_as_widely_with_many_factors() -> None:
+    """Of eight factors the first has hardly an effect: where its optimum lies is not known, by draws of functions too.
+
+    A thousand random places are far apart in eight dimensions: none is nearly as good as the top, and the top's near
+    surroundings alone tell a setting that draws doubt as if it were known well.
+    """
+    rng = np.random.default_rng(2)
+    points = rng.choice([-1.0, 0.0, 1.0], size=(70, 8))
+    y = points @ np.arange(8.0) - np.sum(points**2, axis=1) + rng.normal(size=70)
+    process, region = fitted(points, y), Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(8)))
+    top = climb(process.mean, region, np.vstack([points, region.sample(500, rng)]), rng)[0]
+    cloud = Cloud(process, region, top, points, 1.0, np.random.default_rng(3))
+    of_cloud = cloud.points[np.argmax(cloud.draws(30, rng), axis=1), 0]
+    starts = np.where(np.arange(8) == 0, np.linspace(-1.0, 1.0, 81)[:, None], top)
+    of_functions = [climb(process.draw(rng)[0], region, starts, rng)[0][0] for _ in range(25)]
+    assert np.std(of_functions) > 0.2
+    assert np.std(of_cloud) > 0.6 * np.std(of_functions)

@@ -205,6 +205,12 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         spent = replace(found, decision=replace(found.decision, budget_spent=True))
         first = next(_next_steps(spec, spent))
         assert first.startswith("Stop." if held else "Change the region or the sensor")
+        if held:
+            short = replace(spent.decision, held=False, wants_confirmation=False)
+            floors = {"Raise the budget": 0.5, "Accept the interval as it stands: more runs cannot reach": 2.0}
+            for start, share in floors.items():
+                floor = replace(short, noise_floor=share * spec.stop.half_width)
+                assert next(_next_steps(spec, replace(spent, decision=floor))).startswith(start)
         of_map = replace(spent, known_map=True)
         assert ("better than the existing map for" in recommendation(of_map)) is not held
         assert next(_next_steps(spec, of_map)).endswith("more than the existing map alone.") is not held

@@ -125,3 +125,13 @@ def test_what_one_thread_asks_for_is_not_pushed_out_by_another() -> None:
     assert made == [1, 2, 1]
     assert [make(x) for x in (3, 1)] == [3, 1]
     assert made == [1, 2, 1, 3, 1]
+
+
+def test_code_and_tables_tell_what_a_result_was_made_by(tmp_path, monkeypatch) -> None:
+    """A unit in a table of the package changed, and the analyses from before were still shown."""
+    monkeypatch.setattr(remember, "PACKAGE", tmp_path)
+    found = []
+    for name, text in (("a.py", "1"), ("a.py", "2"), ("b.csv", "1"), ("b.csv", "2")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        found.append(remember._code.__wrapped__())
+    assert len(set(found)) == 4

@@ -184,7 +184,9 @@ def svg_for_html(svg: str, prefix: str) -> str:
     head, body = svg.split(">", 1)
     width = _WIDTH.search(head)
     # A point is 4/3 of a CSS pixel; a fifth larger than drawn is still in proportion with the text.
-    limit = f' style="max-width:{float(width[1]) * 1.6:.0f}px"' if width else ""
+    wide = float(width[1]) if width else 0.0
+    least = f";min-width:{wide * 1.2:.0f}px" if wide > 72.0 * 1.5 * PANEL_WIDTH_IN else ""  # it scrolls, to be legible
+    limit = f' style="max-width:{wide * 1.6:.0f}px{least}"' if width else ""
     head = re.sub(r'\s(?:width|height)="[^"]*"', "", _NAMESPACE.sub("", head)) + limit
     svg = f"{head}>{_STYLE_ELEMENT.sub('', body)}"
     for color, variable in PALETTE.items():

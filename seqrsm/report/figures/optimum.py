@@ -129,11 +129,16 @@ def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
     return [f"run {run}: {what} {value:.4g}" for run, value in zip(analysis.data.run_ids.tolist(), values, strict=True)]
 
 
-def paint_slice(analysis: Analysis, line: Line, axes: Axes) -> None:
-    """Draw mean, confidence and prediction band along one factor through the optimum, with the runs moved there."""
+def paint_slice(analysis: Analysis, line: Line, scores: tuple[float, float], axes: Axes) -> None:
+    """Draw mean, confidence and prediction band along one factor through the optimum, with the runs moved there.
+
+    ``scores`` are the least and greatest of all slices, which share an axis so that they can be compared.
+    """
     factor = analysis.region.factors[line.index]
     stepwise = isinstance(factor, (CategoricalFactor, DiscreteFactor))
     (_paint_levels if stepwise else _paint_bands)(analysis, line, axes)
+    margin = 0.05 * (scores[1] - scores[0]) or 0.05 * abs(scores[0]) or 1.0
+    axes.set_ylim(scores[0] - margin, scores[1] + margin)
 
 
 def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes: Axes) -> None:
@@ -169,7 +174,8 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     for band, alpha in ((line.prediction, 0.14), (line.confidence, 0.32)):
         axes.fill_between(line.x, band.low, band.high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
     axes.plot(line.x, mean, color=drawing.BLUE)
-    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    cut = bool(np.any(np.abs(analysis.data.points[:, line.index]) > 1.0 + 1e-9))  # runs outside the region; else whole
+    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3, clip_on=cut)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)

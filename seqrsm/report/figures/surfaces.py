@@ -121,7 +121,7 @@ def line(analysis: Analysis, index: int) -> Line:
     factor = analysis.region.factors[index]
     coded, own = _places(factor), analysis.data.points[:, index]
     natural, run_natural = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
-    moved = analysis.scale.to_score(predict(analysis, _along(analysis, index, own)).mean + analysis.fit.residuals)
+    moved = _scores(analysis, predict(analysis, _along(analysis, index, own)).mean + analysis.fit.residuals)
     return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
 
 

@@ -132,7 +132,10 @@ def _loss_table(found: CompromiseEstimate) -> Table:
         )
     titles = ("At compromise", "At own optimum", "Given up", f"{level_text(found.level)} credible interval")
     columns: tuple[Head, ...] = ("Objective", *map(right, titles), right("Desirability"))
-    caption = "Cost of the compromise to each objective, by fitted scores not corrected for selection bias"
+    caption = (
+        "Cost of the compromise to each objective, by fitted scores not corrected for selection bias; the interval is "
+        "of the loss against its true optimum, wherever that lies, and so may be above the loss of the fitted scores"
+    )
     return table(caption, columns, rows)
 
 

@@ -39,6 +39,7 @@ from seqrsm.report.rounding import (
     format_p,
     format_percent,
     format_plain,
+    format_share,
     format_significant,
 )
 from seqrsm.report.wording import (
@@ -260,7 +261,12 @@ def importance_section(analysis: Analysis, key: str) -> Section:
         reason = no_error_estimate(analysis) or "no test exists for these runs"
         blocks.append(Paragraph(f"The importance of the factors cannot be tested: {reason}.", "warning"))
         return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
-    ranked = (rows[name] for name in ranked_factors(analysis) if name in rows)
+    ranked = [rows[name] for name in ranked_factors(analysis) if name in rows]
+    most = max(ranked, key=lambda row: row.share_total if math.isfinite(row.share_total) else -1.0)
+    if most.share_total > ranked[0].share_total:
+        text = f"The fitted surface changes most with {readable(most.factor)} (total effect "
+        text += f"{format_share(most.share_total)}); the order is that of F, which is less for effects of many terms."
+        blocks.append(Paragraph(text))
     cells = (
         (
             readable(row.factor),
@@ -316,7 +322,7 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
         found.append(f"Highly influential runs (Cook's distance above 1): {_runs(strong)}.")
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
-        found.append(f"The model must pass through {_runs(exact)} (leverage 1), so their residuals are uninformative.")
+        found.append(f"The model must pass through {_runs(exact)} (leverage 1), where residuals tell nothing.")
     if fit.r2_predicted < 0.0:
         left_out = np.square(fit.residuals / (1.0 - fit.leverage)) * fit.weights
         worst = int(np.argmax(left_out))

@@ -256,6 +256,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     elif decision.budget_spent and _is_a_guess(analysis):
         less = "the existing map alone" if analysis.known_map else "a guess"
         yield f"Change the region or the sensor: at no setting of these are images shown to tell more than {less}."
+    elif decision.budget_spent and spec.stop.half_width < decision.noise_floor:
+        yield f"Accept the interval as it stands: more runs cannot reach the target. {_loss_sentence(analysis)}"
     elif decision.budget_spent:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
