@@ -22,9 +22,9 @@ _RADII = (0.15, 0.06, 0.025, 0.01)
 _TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
 _ANYWHERE, _AGAIN = 40, 40
 _DRAWS_OF_EACH = 12
-_SPARSE, _ASIDE = 4, 400
-"""With more factors than that random places are too far apart for optima of draws: so many more peaks are moved aside,
-each along two factors or so."""
+_ASIDE = 50
+"""For each factor, peaks moved aside along two factors or so, where optima of draws are sought too: random places alone
+are far apart where there are many factors."""
 _NUGGET = 1e-7
 
 
@@ -124,10 +124,9 @@ class Cloud:
         peak = climb(lambda at: sign * process.mean(at), region, cover, rng, heights)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
-        if region.k > _SPARSE:
-            moved = rng.random((_ASIDE, region.k)) < 2.0 / region.k
-            others = region.sample(_ASIDE, rng)
-            fresh = np.vstack([fresh, np.where(moved, others, peak[rng.integers(len(peak), size=_ASIDE)])])
+        others = region.sample(_ASIDE * region.k, rng)
+        moved = rng.random(others.shape) < 2.0 / region.k
+        fresh = np.vstack([fresh, np.where(moved, others, peak[rng.integers(len(peak), size=len(others))])])
         fresh = fresh[region.feasible(fresh, tol=1e-9)]
         still = still[np.argsort(-heights[1 + _COVER :], kind="stable")[:_AGAIN]]
         still = still if pending is None else np.vstack([still, pending])

@@ -211,8 +211,8 @@ def _departure(analysis: Analysis) -> list[Block]:
     of_sources = "" if analysis.sources is None else two
     how = (
         "The alternative is a Gaussian process about the quadratic, with a length scale and an axis warp for each "
-        f"factor, averaged over its hyperparameters. These are twenty draws, so that another "
-        f"seed moves the ends of intervals by 5 to 30 % of their half-width. {of_sources}Its prior probability is "
+        "factor, averaged over a hundred draws of its hyperparameters: another seed moves the ends of intervals by a "
+        f"few percent of their half-width, by up to a fifth at 20 runs. {of_sources}Its prior probability is "
         f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
     factor = f"log Bayes factor {format_number(found.log_bayes_factor, 1)}"
