@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,8 @@ from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray, IntArray
 
-_ROUNDS, _LATE, _DRAWS = 5, 3, 250  # rounds, those of them that count, and draws of each
+_EARLY, _LEAST_LATE, _MOST_LATE, _DRAWS = 2, 3, 8, 250  # rounds that only place others, and that count; draws of each
+_ENOUGH = 200.0  # effective draws of those that count: more rounds until there are as many
 _DF, _WIDER = 6.0, 1.2  # of a kernel: degrees of freedom, and how much wider than the draws its variance is
 _OWN = 0.75  # share of the variance that is a kernel's own
 _AFAR = 38  # draws of a round that spread as far as the prior
@@ -67,8 +68,11 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
     """
     peak, spread = _peak(log_density, d)
     centres, shares, kernel = peak[None, :], np.ones(1), spread
-    near, prior, rounds = _DRAWS - _AFAR, (np.zeros((1, d)), np.ones(1), np.eye(d)), []
-    for _ in range(_ROUNDS):
+    near, prior = _DRAWS - _AFAR, (np.zeros((1, d)), np.ones(1), np.eye(d))
+    rounds: list[tuple[FloatArray, FloatArray]] = []
+    for done in range(_EARLY + _MOST_LATE):
+        if done >= _EARLY + _LEAST_LATE and _effective(_bounded(rounds[_EARLY:])[1]) >= _ENOUGH:
+            break
         root = np.asarray(np.linalg.cholesky(_WIDER * kernel), dtype=np.float64)
         wide = rng.standard_normal((_DRAWS, d)) / np.sqrt(rng.chisquare(_DF, (_DRAWS, 1)) / _DF)
         z = np.vstack([centres[_systematic(shares, near, rng)] + wide[:near] @ root.T, wide[near:]])
@@ -80,11 +84,17 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
         apart = z - centre
         spread = (known * (apart.T * shares) @ apart + d * spread) / (known + d)
         centres, kernel = centre + np.sqrt(1.0 - _OWN) * apart, _OWN * spread
-    draws, logs = (np.concatenate(parts) for parts in zip(*rounds[-_LATE:], strict=True))
+    draws, shares, mean = _bounded(rounds[_EARLY:])
+    return WeightedDraws(draws, shares, mean - 0.5 * d * np.log(2.0 * np.pi))
+
+
+def _bounded(rounds: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray, float]:
+    """Draws of rounds, their shares, and the logarithm of their mean weight before any was bounded."""
+    draws, logs = (np.concatenate(parts) for parts in zip(*rounds, strict=True))
     weights = np.exp(logs - logs.max())
     mean = float(logs.max() + np.log(np.mean(weights)))
     weights = np.minimum(weights, np.mean(weights) * np.sqrt(len(weights)))
-    return WeightedDraws(draws, weights / np.sum(weights), mean - 0.5 * d * np.log(2.0 * np.pi))
+    return draws, weights / np.sum(weights), mean
 
 
 def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[FloatArray, FloatArray]:
