@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from half_widths import half_width
 from scipy import stats
 from statsmodels.stats.outliers_influence import OLSInfluence, variance_inflation_factor
 
@@ -86,4 +87,4 @@ def test_quantiles_by_another_route() -> None:
     fit = fit_least_squares(Z, y, terms, weights=w)
     for level in (0.5, 0.9, 0.95, 0.99, 0.999):
         half = stats.t(fit.df_residual).ppf(0.5 + level / 2) * fit.se
-        np.testing.assert_allclose(fit.interval(level).half_width, half, rtol=1e-10)
+        np.testing.assert_allclose(half_width(fit.interval(level)), half, rtol=1e-10)

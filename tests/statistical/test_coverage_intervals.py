@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from half_widths import half_width
 from scipy.special import fdtrc
 
 from seqrsm.design.factors import ContinuousFactor
@@ -49,7 +50,7 @@ ROW = np.array([[1.0, 0.4, -0.3, -0.12, 0.16, 0.09]])
 def test_confidence_interval_covers_the_mean(n: int) -> None:
     fit, _, estimates, s, beta = study(n)
     one = fit.predict(ROW, LEVEL)
-    half = one.confidence.half_width[0] / fit.s * s
+    half = half_width(one.confidence)[0] / fit.s * s
     inside = np.abs((estimates - beta) @ ROW[0]) <= half
     assert np.mean(inside) == pytest.approx(LEVEL, abs=ERROR)
 
@@ -60,7 +61,7 @@ def test_prediction_interval_covers_the_mean_of_future_runs(n: int, weight: floa
     fit, _, estimates, s, beta = study(n)
     rng = np.random.default_rng(1000 + n)
     future = ROW[0] @ beta + 2.0 / np.sqrt(weight) * rng.normal(size=(SETS, replicates)).mean(axis=1)
-    half = fit.predict(ROW, LEVEL, weight, replicates).prediction.half_width[0] / fit.s * s
+    half = half_width(fit.predict(ROW, LEVEL, weight, replicates).prediction)[0] / fit.s * s
     assert np.mean(np.abs(future - estimates @ ROW[0]) <= half) == pytest.approx(LEVEL, abs=ERROR)
 
 
@@ -144,7 +145,7 @@ def test_natural_coefficients_are_covered() -> None:
     natural = natural_coefficients(model, first, LEVEL)
     estimates = y @ Z @ first.covariance_unscaled
     s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / 6)
-    half = natural.confidence.half_width / first.s * s[:, None]
+    half = half_width(natural.confidence) / first.s * s[:, None]
     gap = np.abs((estimates - beta) @ natural_transform(model).T)
     error = 4 * np.sqrt(LEVEL * (1 - LEVEL) / sets)
     assert error < 0.01
@@ -170,6 +171,6 @@ def test_prediction_in_a_block_already_run_and_in_the_mean_block() -> None:
     s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / first.df_residual)
     for row in (np.array([[1.0, 0.5, 0.25, 1.0, 0.0]]), np.array([[1.0, 0.5, 0.25, 0.0, 0.0]])):
         future = row[0] @ beta + rng.normal(size=(sets, 3)).mean(axis=1)
-        half = first.predict(row, LEVEL, replicates=3).prediction.half_width[0] / first.s * s
+        half = half_width(first.predict(row, LEVEL, replicates=3).prediction)[0] / first.s * s
         inside = np.mean(np.abs(estimates @ row[0] - future) <= half)
         assert inside == pytest.approx(LEVEL, abs=4 * np.sqrt(LEVEL * (1 - LEVEL) / sets))

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from half_widths import half_width
 from scipy import stats
 from scipy.integrate import dblquad
 from statsmodels.regression.mixed_linear_model import MixedLM
@@ -56,9 +57,9 @@ def test_given_the_ratio_it_is_generalised_least_squares() -> None:
     row = np.array([[1.0, 0.2, 0.4, 0.08, 0.04, 0.16]])
     t = stats.t(14).ppf(0.975)
     new = one.predict(row, replicates=4)
-    assert new.confidence.half_width[0] == pytest.approx(t * np.sqrt(s2 * row[0] @ C @ row[0]), rel=1e-8)
+    assert half_width(new.confidence)[0] == pytest.approx(t * np.sqrt(s2 * row[0] @ C @ row[0]), rel=1e-8)
     wanted = t * np.sqrt(s2 * (row[0] @ C @ row[0] + ratio + 0.25))
-    assert new.prediction.half_width[0] == pytest.approx(wanted, rel=1e-8)
+    assert half_width(new.prediction)[0] == pytest.approx(wanted, rel=1e-8)
 
 
 def _only(found: object, c: int) -> dict[str, np.ndarray]:
@@ -130,7 +131,7 @@ def test_days_that_do_not_differ_and_days_that_do() -> None:
     low, high = apart.sigma_ratio_interval()
     means = np.array([np.mean(y[day == d] - Z[day == d] @ apart.estimate) for d in range(8)])
     assert low < np.std(means, ddof=1) < high
-    half_widths = apart.predict(np.eye(Z.shape[1])).confidence.half_width
+    half_widths = half_width(apart.predict(np.eye(Z.shape[1])).confidence)
     assert half_widths[0] > 5 * half_widths[1]
 
 

@@ -139,7 +139,7 @@ def fixed_settings(sets: int) -> Iterator[Row]:
     truth = np.array([70.0, 4, -3, 2, -6, -5])
     fit, _, b, s = many(Z, Z @ truth, list(two.terms), sets, 2.0, rng)
     natural = natural_coefficients(two, fit, LEVEL)
-    half = natural.confidence.half_width / fit.s * s[:, None]
+    half = 0.5 * (natural.confidence.high - natural.confidence.low) / fit.s * s[:, None]
     off = np.abs((b - truth) @ natural_transform(two).T)
     shares = np.mean(off <= half, axis=0)
     wrong = np.mean(off <= half * np.abs(np.diagonal(natural_transform(two))) * fit.se / natural.se_mean, axis=0)

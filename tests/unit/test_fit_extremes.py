@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from half_widths import half_width
 
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -72,7 +73,7 @@ def test_as_many_runs_as_terms_and_one_more(extra: int) -> None:
         assert np.isnan([row.f for row in fit.anova()]).all()
     else:
         # one degree of freedom: Student's t is Cauchy, tan(0.95 pi / 2) = 12.7
-        half = fit.interval(0.95).half_width
+        half = half_width(fit.interval(0.95))
         np.testing.assert_allclose(half, np.tan(0.475 * np.pi) * fit.se, rtol=1e-10)
         assert np.isnan(fit.studentised).all()  # deleting a run leaves no error estimate
 
