@@ -34,11 +34,3 @@ def shallow(found: Any) -> dict[str, Any]:
 def counted(n: int, one: str, many: str = "") -> str:
     """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
     return f"{n} {one if n == 1 else many or f'{one}s'}"
-
-
-def known(value: float, uncertainty: float) -> str:
-    """``value`` with the digits that its uncertainty supports: down to the second of the uncertainty's own."""
-    if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:
-        return f"{value:.4g}"
-    places = min(1 - math.floor(math.log10(abs(uncertainty))), 15)
-    return f"{round(value, places):.{max(places, 0)}f}"

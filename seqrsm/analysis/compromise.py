@@ -23,8 +23,8 @@ from seqrsm.analysis.to_json import fields_to_json
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.constraints import arithmetic
 from seqrsm.design.region import Region
+from seqrsm.fit.intervals import known
 from seqrsm.fit.optimum import Goal, sign_of
-from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ConsiderationSpec

@@ -23,10 +23,9 @@ from seqrsm.decide.stopping import MODEL_ALPHA, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
-from seqrsm.fit.intervals import LackOfFit
+from seqrsm.fit.intervals import LackOfFit, known
 from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs
 from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
-from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec

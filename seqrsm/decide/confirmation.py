@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtr
 
 from seqrsm.errors import FitError
-from seqrsm.fit.intervals import t_quantile
-from seqrsm.plain import known
+from seqrsm.fit.intervals import known, t_quantile
 
 
 @dataclass(frozen=True, slots=True)

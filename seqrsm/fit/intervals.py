@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -59,6 +60,14 @@ class FTest:
     f: float
     p: float
     reason: str = ""
+
+
+def known(value: float, uncertainty: float) -> str:
+    """``value`` with the digits that its uncertainty supports: down to the second of the uncertainty's own."""
+    if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:
+        return f"{value:.4g}"
+    places = min(1 - math.floor(math.log10(abs(uncertainty))), 15)
+    return f"{round(value, places):.{max(places, 0)}f}"
 
 
 def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
