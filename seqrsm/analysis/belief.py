@@ -21,8 +21,8 @@ from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
-from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
-from seqrsm.propose.cloud import climb, cloud_of
+from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_RUNS, Process
+from seqrsm.propose.cloud import RADII, climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
 
@@ -109,21 +109,21 @@ class Belief:
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
-        found = self.surface.rows(points) @ self.surface.estimate
-        process, share = self.departure.believed, self.departure.probability
-        if process is None:
-            return found
-        return (1.0 - share) * found + share * process.mean(points)
+        return self._mean(points, self.departure.believed)
+
+    def _mean(self, points: FloatArray, process: Process | None) -> FloatArray:
+        found, share = self.surface.rows(points) @ self.surface.estimate, self.departure.probability
+        return found if process is None else (1.0 - share) * found + share * process.mean(points)
 
     def best(self, of_quadratic: Optimum, made: FloatArray, rng: np.random.Generator) -> Optimum:
         """Where the expected surface is best; the quadratic's optimum where that is taken to be true."""
         process = self.departure.believed
         if process is None:
             return of_quadratic
-        sign = sign_of(self.goal)
-        of_process = climb(lambda at: sign * process.few.mean(at), self.region, self._starts(made), rng)[:8]
-        starts = np.vstack([of_quadratic.point[None, :], of_process])
-        (point, *_) = climb(lambda at: sign * self.mean(at), self.region, starts, rng)
+        sign, few = sign_of(self.goal), process.some(FEW)
+        starts = np.vstack([of_quadratic.point[None, :], self._starts(made)])
+        near = climb(lambda at: sign * self._mean(at, few), self.region, starts, rng)[:8]
+        (point, *_) = climb(lambda at: sign * self.mean(at), self.region, near, rng, radii=RADII[-2:])
         return replace(
             of_quadratic,
             point=point,

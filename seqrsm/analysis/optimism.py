@@ -25,8 +25,10 @@ from seqrsm.fit.optimum import sign_of
 from seqrsm.fit.process import Process
 from seqrsm.store.records import CONFIRMATION
 
-_SETS, _OF_PROCESS, _COVER, _NEAR = 200, 1000, 500, 300
+_SETS, _OF_PROCESS, _COVER, _NEAR = 200, 1000, 250, 200
 """New sets of scores, of the process, whose sets cost little, and settings among which each set chooses."""
+_DRAWS = 50
+"""Of the process: by all of them the half-width of an interval would depend on the seed no less."""
 
 _FOR_THE_OPTIMUM = ("optimum", "regret", CONFIRMATION)
 """Purposes of runs that lie where the scores before them had the optimum."""
@@ -121,7 +123,7 @@ def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
 
 def _of_process(process: Process, y: FloatArray, at: FloatArray, sign: float, noise: FloatArray) -> float:
     """The same of the process of scores ``y`` (n,), with all runs where they were."""
-    n, pull = noise.shape[1], process.pull(at)
+    n, pull = noise.shape[1], process.some(_DRAWS).pull(at)
 
     def means(scores: FloatArray) -> FloatArray:
         return np.asarray(process.centre + (scores - process.centre) @ pull)

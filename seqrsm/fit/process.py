@@ -21,7 +21,6 @@ import itertools
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -46,7 +45,7 @@ scatter; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _DIFFERENCE = (0.0, 0.4)  # of the logarithm of what the stated difference between sources is multiplied by
-_KEPT, _FEW = 100, 20
+_KEPT, FEW = 100, 20
 """Draws kept, and those of them that do where places are sought."""
 _FEATURES = 1000
 _CACHED = 2**16  # numbers that stay in the processor's cache
@@ -267,15 +266,14 @@ class Process:
         self._prior = self._log_prior()
         mean, sd = self._prior
         found = weighted_draws(self._log_posterior, len(mean), rng)
-        kept = min(_KEPT // _FEW, MOST_RUNS**2 // n**2) * _FEW
+        kept = min(_KEPT // FEW, MOST_RUNS**2 // n**2) * FEW
         self._keep(mean + sd * found.some(kept, rng))
         self.effective_draws = found.effective
         self.log_bayes_factor = found.log_evidence - self._log_evidence_of_quadratic()
 
-    @cached_property
-    def few(self) -> Process:
-        """The same with a few of its draws, evenly spread over all."""
-        found, some = copy(self), slice(None, None, len(self._alpha) // _FEW)
+    def some(self, n: int) -> Process:
+        """The same with about ``n`` of its draws, evenly spread over all."""
+        found, some = copy(self), slice(None, None, max(len(self._alpha) // n, 1))
         found.hyper, found._own = self.hyper.some(some), self._own.some(some)
         found._factors, found._alpha = self._factors[some], self._alpha[some]
         return found

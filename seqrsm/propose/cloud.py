@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.region import Region
-from seqrsm.fit.process import Process
+from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
 from seqrsm.propose.candidates import clear_of
 from seqrsm.propose.criteria import Proposal
@@ -18,7 +18,7 @@ from seqrsm.propose.known import percent
 from seqrsm.remember import recalled
 
 _COVER = 1000
-_RADII = (0.15, 0.06, 0.025, 0.01)
+RADII = (0.15, 0.06, 0.025, 0.01)
 _TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
 _ANYWHERE, _AGAIN = 40, 40
 _DRAWS_OF_EACH = 12
@@ -34,13 +34,14 @@ def climb(
     starts: FloatArray,
     rng: np.random.Generator,
     of_starts: FloatArray | None = None,
+    radii: Sequence[float] = RADII,
 ) -> FloatArray:
     """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps.
 
     ``of_starts`` are the means there, where they are known already.
     """
     pool, values = starts, mean(starts) if of_starts is None else of_starts
-    for radius in _RADII if region.continuous else ():
+    for radius in radii if region.continuous else ():
         best = np.argsort(-values, kind="stable")[:8]
         near = region.jitter(np.repeat(pool[best], 24, axis=0), radius, rng)
         near = near[region.feasible(near, tol=0.0)]
@@ -113,7 +114,7 @@ class Cloud:
         pending : ndarray (w, k), optional
             Settings of runs that have no score yet.
         """
-        process = process.few
+        process = process.some(FEW)
         still = made[region.feasible(made, tol=1e-9)]
         cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), still])
         of_draws = sign * process.means(cover)

@@ -170,7 +170,7 @@ def test_draws_of_the_optimum_are_those_of_the_process(narrow: Analysis) -> None
     assert points.shape == (1000, 2)
     assert np.all(values >= here)
     assert np.all(narrow.region.feasible(points))
-    means, variances = process.few.marginals(point[None, :])
+    means, variances = process.some(20).marginals(point[None, :])
     sd = np.sqrt(np.mean(variances) + np.var(means))
     assert np.mean(here) == pytest.approx(float(np.mean(means)), abs=5.0 * sd / np.sqrt(1000))
     assert np.median(np.linalg.norm(points - 0.3, axis=1)) < 0.3
@@ -390,7 +390,7 @@ def test_the_seed_hardly_moves_what_is_told_of_the_same_scores(tmp_path: Path) -
     ]
     widths = np.array([one.confidence.half_width for one in told])
     assert np.std(widths) < 0.05 * np.mean(widths)
-    assert np.std([one.mean for one in told]) < 0.05 * np.mean(widths)
+    assert np.std([one.mean for one in told]) < 0.08 * np.mean(widths)
 
 
 def test_nothing_is_taken_off_without_an_estimate_of_error(tmp_path: Path) -> None:

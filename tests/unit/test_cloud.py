@@ -92,7 +92,7 @@ def test_gain_is_what_conditioning_takes_off(found) -> None:
     process, made = found
     rng = np.random.default_rng(3)
     cloud = Cloud(process, BOX, TOP, made, 1.0, rng)
-    assert cloud.noise == pytest.approx(np.mean((process.scatter * process.few.hyper.noise) ** 2))
+    assert cloud.noise == pytest.approx(np.mean((process.scatter * process.some(20).hyper.noise) ** 2))
     best = np.argmax(cloud.draws(12, rng), axis=1)
     (one,) = propose_from_process(process, BOX, TOP, made, np.zeros(len(made), dtype=bool), 1, seed=3, weight=2.0)
     index = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
@@ -129,7 +129,7 @@ def test_draws_have_the_mean_and_covariance_of_the_process(found) -> None:
     cloud = Cloud(process, BOX, TOP, made, 1.0, np.random.default_rng(3))
     draws = cloud.draws(400, np.random.default_rng(4))
     assert draws.shape == (400 * len(cloud.means), len(cloud.points))
-    np.testing.assert_allclose(cloud.mean, process.few.mean(cloud.points), rtol=1e-9)
+    np.testing.assert_allclose(cloud.mean, process.some(20).mean(cloud.points), rtol=1e-9)
     sd = np.sqrt(np.diag(cloud.covariance))
     np.testing.assert_allclose(draws.mean(axis=0), cloud.mean, atol=float(5.0 * sd.max() / np.sqrt(len(draws))))
     np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.1)

@@ -254,7 +254,7 @@ def test_eight_factors() -> None:
     process = fitted(points, bowl(points) + np.random.default_rng(3).normal(size=60))
     sound(process, spread(6, 8, seed=9))
     assert process.hyper.lengths.shape == (100, 8)
-    assert process.few.hyper.lengths.shape == (20, 8)
+    assert process.some(20).hyper.lengths.shape == (20, 8)
 
 
 def test_scores_of_nothing_and_of_everything() -> None:
