@@ -41,7 +41,10 @@ _JITTER = 1e-9
 _BEYOND = 1e300  # more than any sum of squared scores: keeps a matrix with the scores as its last row positive
 _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "length": (1.2, 0.9)}
 """Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
-scatter; lengths in units of a factor's half-range."""
+scatter; lengths in units of a factor's half-range, but see `_TAIL`."""
+_TAIL = 2.0
+"""Of the prior of lengths: above the median, what their logarithm gains with the square of the standard deviations. One
+factor of four has a length above 6, one of six above 20: the process hardly depends on it."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _DIFFERENCE = (0.0, 0.4)  # of the logarithm of what the stated difference between sources is multiplied by
@@ -103,7 +106,9 @@ class Hyper:
         between = 1.0 / (1.0 + np.exp(-theta[:, 3])) if categories else np.ones(len(theta))
         lengths, bends, of_sources = np.split(theta[:, 3 + categories :], (n_numeric, 2 * n_numeric), axis=1)
         two = np.exp(of_sources).T if sources else np.zeros((2, len(theta)))
-        return cls(trend, process, noise, between, np.exp(lengths), bends, *two)
+        median, sd = _PRIOR["length"]
+        above = np.maximum(lengths - np.log(median), 0.0) / sd
+        return cls(trend, process, noise, between, np.exp(lengths + _TAIL * above**2), bends, *two)
 
     def some(self, which: slice) -> Hyper:
         """The draws in these places."""

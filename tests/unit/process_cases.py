@@ -80,6 +80,12 @@ def trend(points: np.ndarray, k: int, levels: tuple[int, ...] = ()) -> np.ndarra
     return np.hstack(rows)
 
 
+def lengths_of(t: np.ndarray) -> np.ndarray:
+    """Lengths of factors by what is sampled: beyond the median far longer than its exponential."""
+    z = np.maximum((t - np.log(1.2)) / 0.9, 0.0)
+    return np.exp(t) * np.exp(2.0 * z * z)
+
+
 def bent(points: np.ndarray, bends: np.ndarray) -> np.ndarray:
     """Numeric coordinates along ``integral of exp(b x)``, scaled to -1 and 1 at the ends."""
     found = points.copy()
@@ -94,7 +100,7 @@ def prior_covariance(
     """Of the surface between coded points a and b, in units of the scatter; ``theta`` as the process samples it."""
     scale, size = np.exp(theta[0]), np.exp(theta[1])
     between = 1.0 / (1.0 + np.exp(-theta[3])) if levels else 1.0
-    lengths, bends = np.exp(theta[3 + bool(levels) :][:k]), theta[3 + bool(levels) + k :]
+    lengths, bends = lengths_of(theta[3 + bool(levels) :][:k]), theta[3 + bool(levels) + k :]
     a, b = bent(a, bends), bent(b, bends)
     rows_a, rows_b = trend(a, k, levels), trend(b, k, levels)
     found = np.empty((len(a), len(b)))

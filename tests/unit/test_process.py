@@ -249,6 +249,23 @@ def test_settings_that_are_all_repeated() -> None:
     np.testing.assert_allclose(process.mean(points[::3]), y.reshape(-1, 3).mean(axis=1), atol=3.0)
 
 
+def test_factors_without_effect_fall_out() -> None:
+    """Two of five have one: what is told of the top hardly depends on the others."""
+    points = spread(50, 5, seed=1)
+    y = (
+        50.0
+        + 30.0 * np.exp(-3.0 * np.sum((points[:, :2] - 0.3) ** 2, axis=1))
+        + np.random.default_rng(1).normal(size=50)
+    )
+    process = fitted(points, y)
+    lengths = np.median(process.hyper.lengths, axis=0)
+    assert np.all(lengths[:2] < 1.5)
+    assert np.all(lengths[2:] > 20.0)
+    _, variances = process.marginals(np.array([[0.3, 0.3, 0.0, 0.0, 0.0], [0.3, 0.3, 1.0, 1.0, 1.0]]))
+    middle, corner = np.sqrt(np.mean(variances, axis=0))
+    assert corner < 1.4 * middle
+
+
 def test_eight_factors() -> None:
     points = spread(60, 8)
     process = fitted(points, bowl(points) + np.random.default_rng(3).normal(size=60))
@@ -302,11 +319,12 @@ def test_most_runs() -> None:
 
 
 def test_hyperparameters_by_name() -> None:
-    theta = np.array([[0.1, 0.2, 0.3, 0.0, 1.0, 2.0, -1.0, 3.0]])
+    theta = np.array([[0.1, 0.2, 0.3, 0.0, -1.0, 2.0, -1.0, 3.0]])
     h = Hyper.of(theta, 2, categories=True, sources=False)
     assert (h.trend[0], h.process[0], h.noise[0]) == tuple(np.exp([0.1, 0.2, 0.3]))
     assert h.between[0] == 0.5
-    np.testing.assert_array_equal(h.lengths, np.exp([[1.0, 2.0]]))
+    far = ((2.0 - np.log(1.2)) / 0.9) ** 2
+    np.testing.assert_allclose(h.lengths, np.exp([[-1.0, 2.0 + 2.0 * far]]), rtol=1e-14)
     np.testing.assert_array_equal(h.bends, [[-1.0, 3.0]])
     assert Hyper.of(theta[:, :5], 1, categories=False, sources=False).between[0] == 1.0
     assert (h.difference[0], h.other_noise[0]) == (0.0, 0.0)
