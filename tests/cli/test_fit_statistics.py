@@ -619,3 +619,20 @@ def test_runs_may_cost_nothing(tmp_path: Path) -> None:
         runs = list(Campaign.open(folder).propose(3, source="best"))
         assert len(runs) == 3
         assert all(run.cost == (flight if run.source == "flight" else simulation) for run in runs)
+
+
+def test_flights_far_from_simulations_are_told(tmp_path: Path) -> None:
+    """The default prior draws a difference of 20 towards 0; that is to be known."""
+    rows = [row | {"source": ("simulation", "flight")[i % 2]} for i, row in enumerate(quadratic(30))]
+    near, far = (
+        [row | {"score": row["score"] - (off if row["source"] == "flight" else 0.0)} for row in rows]
+        for off in (0.5, 20)
+    )
+    says = "raise [model] discrepancy_sd"
+    for name, given, model, told in (
+        ("near", near, "", False),
+        ("far", far, "", True),
+        ("raised", far, "[model]\ndiscrepancy_sd = 20.0\n", False),
+    ):
+        warnings = fit(make(tmp_path / name, X + FREQUENCY, given, model))["warnings"]
+        assert any(says in text for text in warnings) == told
