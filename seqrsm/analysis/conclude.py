@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -127,7 +128,7 @@ def analyse(
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
             + effects_left_out(application, posterior)
         ),
-        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough else (),
+        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,
@@ -158,6 +159,8 @@ def _estimate(
     else:
         rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
         mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, taken_off, draws, rng)
+    if fitted.surface.s == 0.0:  # no scatter was seen, which is not to say that there is none
+        found = (Interval(math.nan, math.nan),) * len(found)
     if share == 0.0:  # one of these: draws are rounded to whole runs, and no end of runs on a new day is a mean
         watched = ("confidence", "prediction", "prediction_mean").index(stop.interval)
         found = (*found[:3], found[watched], found[watched])
@@ -231,7 +234,7 @@ def _decision(
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=surface.s,
+        s=surface.s or math.nan,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),

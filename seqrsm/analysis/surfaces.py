@@ -27,6 +27,9 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.process import Sources
 from seqrsm.spec.read import CampaignSpec
 
+_TOO_FAR = 2.0
+"""Prior standard deviations beyond which the mean discrepancy is more than its prior allows for."""
+
 
 @dataclass(frozen=True, slots=True)
 class SourceComparison:
@@ -299,10 +302,18 @@ class TwoSources(Surface):
             extra=blocks_within(block_labels(spec, data), flights),
             prior_sd=spec.model.discrepancy_sd,
         )
-        note = (
-            f"With {found.n_flights} flights the difference between flight and simulation is mostly what the prior "
-            "says ([model] discrepancy_sd)."
-        )
+        off = abs(float((found.estimate - found.simulation)[0])) / found.prior_sd
+        note = ""
+        if off > _TOO_FAR:
+            note = (
+                f"Flights depart from simulations by {off:.1f} times the prior standard deviation, which draws the "
+                "estimate towards the simulations: raise [model] discrepancy_sd."
+            )
+        elif found.prior_driven:
+            note = (
+                f"With {found.n_flights} flights the difference between flight and simulation is mostly what the prior "
+                "says ([model] discrepancy_sd)."
+            )
         return cls(
             errors=spec.errors,
             model=model,
@@ -313,7 +324,7 @@ class TwoSources(Surface):
             s=found.s,
             df_residual=int(found.df_residual),
             n_terms=fit.n_terms,
-            note=note if found.prior_driven else "",
+            note=note,
             both=found,
         )
 

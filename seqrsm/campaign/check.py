@@ -149,11 +149,11 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         spread = float("nan") if analysis is not None else _spread(spec, noise, own)
         source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
         if len(spec.applications) > 1:
-            source += f"; of {spec.applications[own].name}, whose scores scatter most"
+            source += f"; of {spec.applications[own].name}, whose interval is widest"
         if analysis is not None and analysis.fitted.ground is not None:
             share = analysis.fitted.ground_share
         covers = scene_at(str(spec.scene_path)).categories
-    elif analysis is not None:
+    elif analysis is not None and analysis.fit.s > 0.0:
         noise, df = float(analysis.fit.s), analysis.fit.df_residual
         source = f"residuals of {analysis.fit.n_runs} scored runs"
     application = spec.applications[own]
@@ -325,10 +325,11 @@ def _probe_noise(
     for k in range(groups.shape[-1]):
         of = [ground_of_scores(group[:, :, k]) for group in groups]
         ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
-        found.append((float(np.sqrt(ground + chance)), float(ground / max(ground + chance, 1e-300))))
+        share = min(float(ground / max(ground + chance, 1e-300)), MOST_SHARE)
+        noise = float(np.sqrt(ground + chance))
+        found.append((stop_rule(spec, share).noise_floor(noise), noise, share))  # one target is set for all
     own = found.index(max(found))
-    noise, share = found[own]
-    return noise, min(share, MOST_SHARE), own, len(settings) * (worlds - 1), seconds, tuple(notes)
+    return *found[own][1:], own, len(settings) * (worlds - 1), seconds, tuple(notes)
 
 
 def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
@@ -360,7 +361,7 @@ def _surfaces(
 ) -> Surfaces:
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
     prior = application.prior
-    if analysis is not None and spec.model.response == "identity" and np.isfinite(analysis.fit.s):
+    if analysis is not None and spec.model.response == "identity" and analysis.fit.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         return Surfaces(analysis.model, draws.terms, float(analysis.fit.s), source)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
@@ -113,7 +113,8 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         made_of = (spec.spec_hash, experiment_of(spec), chosen)
         images, turns, more = remembered(lambda: report_pictures(spec, chosen), made_of)
         notes += more
-    compared = read_candidates(spec, analyses)
+    compared, tradeoff = read_candidates(spec, analyses), read_tradeoff(spec.folder)
+    more_asked = [name for name, found in (("tradeoff", tradeoff), ("candidates", compared)) if found is not None]
     return Dossier(
         spec=spec,
         analyses=tuple(_with_hardware(spec, analysis) for analysis in analyses),
@@ -125,9 +126,9 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         quarter_turns=turns,
         assumptions=notes,
         provenance=_provenance(campaign, scene),
-        reproduce=_reproduce(campaign, compared is not None),
+        reproduce=_reproduce(campaign, more_asked),
         compromise=campaign.compromise(analyses),
-        tradeoff=read_tradeoff(spec.folder),
+        tradeoff=tradeoff,
         candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
         calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator else None,
@@ -186,15 +187,14 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
     for file in store.files():
         found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}"
     if scene is not None:
-        found["scene"] = scene.name
-        found["scene, licence"] = scene.licence
-        found["scene, provenance"] = scene.provenance
+        told = {"scene": scene.name, "scene, licence": scene.licence, "scene, provenance": scene.provenance}
+        found |= {name: text for name, text in told.items() if text}
     return found
 
 
-def _reproduce(campaign: Campaign, compared: bool) -> tuple[str, ...]:
+def _reproduce(campaign: Campaign, commands: Sequence[str]) -> tuple[str, ...]:
     name = campaign.folder.name
-    compare = (f"seqrsm candidates {name}",) if compared else ()
+    compare = tuple(f"seqrsm {command} {name}" for command in commands)
     if campaign.spec.simulator is not None:
         return (f"seqrsm run {name}", *compare, f"seqrsm report {name}")
     inside = (campaign.folder / file.name for file in campaign.store.files())

@@ -130,8 +130,8 @@ def safe_cell(value: object) -> object:
         value = json.dumps(value, ensure_ascii=False, allow_nan=False)
     if isinstance(value, str) and value.startswith(_FORMULA_SIGNS):
         return f"'{value}"
-    # repr of a float reads back as the same number.
-    return repr(value) if isinstance(value, float) else value
+    # repr of a float reads back as the same number; a whole one has no decimals that somebody measured.
+    return repr(value).removesuffix(".0") if isinstance(value, float) else value
 
 
 def factor_columns(factors: Sequence[Factor]) -> list[FactorColumn]:

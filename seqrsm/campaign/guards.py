@@ -31,8 +31,13 @@ _Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
 """Row, column, value, what is wrong with it, and what may have been meant."""
 
 
-def suspects(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]]) -> list[Problem]:
-    """What looks wrong in a file of scores, alike rows together; ``known``: earlier scores of each application."""
+def suspects(
+    spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]], blocks: Sequence[str] = ()
+) -> list[Problem]:
+    """What looks wrong in a file of scores, alike rows together.
+
+    ``known``: earlier scores of each application; ``blocks``: earlier blocks.
+    """
     problems = [
         Problem(
             f"the column is kept as your own, but its name resembles '{meant}'"
@@ -46,7 +51,12 @@ def suspects(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[
         for own, meant in file.near
     ]
     groups: dict[tuple[str, str, str], list[tuple[MeasuredScore, object]]] = {}
-    for row, column, value, message, hint in (*_settings(spec, file), *_scores(spec, file, known), *_twice(file)):
+    for row, column, value, message, hint in (
+        *_settings(spec, file),
+        *_scores(spec, file, known),
+        *_blocks(spec, file, blocks),
+        *_twice(file),
+    ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
         first, value = rows[0]
@@ -129,6 +139,34 @@ def _slip(score: float, others: FloatArray) -> str:
         if others.min() <= score * factor <= others.max():
             return f"Did you mean {score * factor:g}?"
     return "Correct it."
+
+
+def block_of(spec: CampaignSpec, score: MeasuredScore) -> str:
+    """What stands in a row's column of blocks."""
+    column = spec.model.block
+    if column is None or column == "block":
+        return score.block
+    if column in ("source", "date", "note"):
+        return str(getattr(score, column))
+    return score.metadata.get(column, "")
+
+
+def _blocks(spec: CampaignSpec, file: ScoresFile, earlier: Sequence[str]) -> _Found:
+    """Blocks that differ from an earlier one by case or blanks alone: each would be a day of its own."""
+    if spec.model.block is None:
+        return
+    first = {"".join(block.casefold().split()): block for block in reversed(earlier)}
+    for row in file.scores:
+        block = block_of(spec, row)
+        other = first.setdefault("".join(block.casefold().split()), block)
+        if other != block:
+            yield (
+                row,
+                spec.model.block,
+                block,
+                f"the block '{other}' differs by case or blanks alone",
+                f"Write {other}.",
+            )
 
 
 def _twice(file: ScoresFile) -> _Found:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
-from seqrsm.campaign.guards import suspects
+from seqrsm.campaign.guards import block_of, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
@@ -109,18 +109,19 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
         app.name: [score.score for run in runs if (score := run.score_of(app.name)) is not None]
         for app in spec.applications
     }
+    blocks = list(dict.fromkeys(run.block for run in runs))
     files = [one[-1] for one in read]
-    if not any(suspects(spec, file, known) for file in files if file is not None):
+    if not any(suspects(spec, file, known, blocks) for file in files if file is not None):
         return
     problems: list[Problem] = []
     for file, outcome in zip(files, store.ingest_files([one[0] for one in read], dry_run=True), strict=True):
         if file is not None and outcome.already is None:
             equal = {row.line for row in outcome.equal}
             new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
-            problems += suspects(spec, replace(file, scores=tuple(new)), known)
+            problems += suspects(spec, replace(file, scores=tuple(new)), known, blocks)
     if problems:
         message = "nothing was ingested: the rows listed above look wrong"
-        raise ScoresFileError(*problems, Problem(message, "Correct it, or ingest everything as it is with --accept."))
+        raise ScoresFileError(*problems, Problem(message, "Correct them, or ingest everything as it is with --accept."))
 
 
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
@@ -181,15 +182,6 @@ def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) ->
     return tuple(lines)
 
 
-def _block(spec: CampaignSpec, score: MeasuredScore) -> str:
-    column = spec.model.block
-    if column is None or column == "block":
-        return score.block
-    if column in ("source", "date", "note"):
-        return str(getattr(score, column))
-    return score.metadata.get(column, "")
-
-
 def _runs(spec: CampaignSpec, file: ScoresFile, outside: frozenset[int]) -> list[IngestedRun]:
     """Runs of the file: rows with the same run id, or neighbours with the same settings, are one run."""
     groups: list[list[MeasuredScore]] = []
@@ -216,7 +208,7 @@ def _same_run(spec: CampaignSpec, group: Sequence[MeasuredScore], score: Measure
     return (
         score.run_id == first.run_id
         and score.settings == first.settings
-        and _block(spec, score) == _block(spec, first)
+        and block_of(spec, score) == block_of(spec, first)
         and (score.source, score.date) == (first.source, first.date)
         and all(score.application != other.application for other in group)
     )
@@ -231,7 +223,7 @@ def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], out
         if row.line in outside:
             metadata["outside_region"] = True
         scores.append(NewScore(row.application, row.score, row.se, row.n, row.correct, metadata, name, row.line))
-    cost, block = spec.cost.of(first.source), _block(spec, first)
+    cost, block = spec.cost.of(first.source), block_of(spec, first)
     return IngestedRun(first.run_id, first.settings, first.source, block, cost, tuple(scores))
 
 

@@ -191,7 +191,7 @@ class _Chooser:
         if two:
             weights = np.where(flights, self.flight_weight() * weights, weights)
             weight *= self.flight_weight() if source == "flight" else 1.0
-        cost = self.spec.cost.of(source)
+        cost = self.spec.cost.compared(source)
         return propose_batch(
             self.model,
             self.spec.region,

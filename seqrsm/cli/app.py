@@ -64,7 +64,7 @@ def _opened(folder: Path, *, accept: bool = False) -> Campaign:
     from seqrsm.cli.notebook import Campaign
 
     campaign = Campaign(folder)
-    at_end(campaign.close)
+    at_end(campaign.opened.store.leave)
     if campaign.opened.store.note:
         say(campaign.opened.store.note)
     if accept and campaign.spec.simulator is not None:

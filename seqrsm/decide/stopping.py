@@ -390,7 +390,7 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
-    if width == 0.0 and look.model_p == 1.0:
+    if look.model_p == 1.0:
         found.append("All scores are equal: no factor has an effect, and every setting is equally good.")
     elif look.model_p is not None and look.model_p > MODEL_ALPHA and look.df_residual >= max(4, look.n_terms // 2):
         found.append(f"No factor has a significant effect so far (F test of all terms: p = {look.model_p:.2g}).")

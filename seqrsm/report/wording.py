@@ -237,7 +237,7 @@ def no_error_estimate(analysis: Analysis) -> str:
     fit = analysis.fit
     if fit.df_residual == 0:
         return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.n_terms} terms)"
-    return ""
+    return "no error estimate: the model passes through every score" if fit.s == 0.0 else ""
 
 
 def score_decimals(analysis: Analysis) -> int:

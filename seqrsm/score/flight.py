@@ -213,7 +213,7 @@ class _Reader(CellReader):
                 "'correct' needs a larger 'n'", "Give n, the number of cases; correct <= n.", line, "correct", correct
             )
             return math.nan, se, n, correct
-        counted = n is not None and correct is not None and measure.is_percent
+        counted = bool(text["n"] and text["correct"]) and measure.is_percent  # what is wrong there is told above
         score = self.number(text["score"], line, "score", required=not counted)
         if n is not None and correct is not None and measure.is_percent:
             percent, binomial_se = binomial_percent(n, correct)

@@ -100,7 +100,7 @@ def _radar_picture(image: RadarImage) -> Picture:
         }
     radar = image.radar
     levels = quantised_picture(image)
-    fewest, most = (f"{looks:.3g}" for looks in (image.looks.min(), image.looks.max()))
+    fewest, most = (f"{float(f'{looks:.3g}'):.7g}" for looks in (image.looks.min(), image.looks.max()))
     looks = f"{fewest} to {most} looks" if fewest != most else f"{most} look{'s' * (most != '1')}"
     return Picture(
         channels=radar.channels,

@@ -59,7 +59,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``frequency`` names a set such as "L+C", parameters of one member, including its ``engine``, as in
     ``[simulator.members.C]``. A factor ``C.resolution`` applies to that member; see :mod:`seqrsm.sensor.sets`.
 ``[cost]``
-    ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` ("").
+    ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` (""); where sources compete for a run, one that costs
+    nothing counts as a thousandth of the other.
 ``[stop]``
     ``half_width``: target half-width, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95): probability content of the

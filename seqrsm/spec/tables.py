@@ -55,6 +55,7 @@ Name = Annotated[str, AfterValidator(_is_name)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class Table(BaseModel):
@@ -264,7 +265,7 @@ class SimulatorSpec(Table):
     scene: Annotated[str, Field(min_length=1)]
     table: str = ""
     known_map: str = ""
-    tolerance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    tolerance: NotNegative = 0.0
     fixed: dict[str, Number | str] = Field(default_factory=dict)
     members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
@@ -273,12 +274,16 @@ class CostSpec(Table):
     """Cost of one run from each source, in one ``unit`` of the user's choice."""
 
     unit: str = ""
-    simulation: PositiveNumber = 1.0
-    flight: PositiveNumber = 1.0
+    simulation: NotNegative = 1.0
+    flight: NotNegative = 1.0
 
     def of(self, source: str) -> float:
         """Of one run from this source: a measurement that is no simulation counts as a flight."""
         return self.simulation if source == "simulation" else self.flight
+
+    def compared(self, source: str) -> float:
+        """Of one run, by which its gain is divided: nothing counts as a thousandth of the dearer source."""
+        return self.of(source) or 1e-3 * max(self.simulation, self.flight) or 1.0
 
 
 class StopSpec(Table):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import secrets
 import signal
 import sqlite3
 import threading
@@ -30,7 +31,7 @@ from sqlalchemy import event, exc
 from seqrsm import __version__
 from seqrsm.errors import StoreError
 from seqrsm.plain import plain
-from seqrsm.store.schema import META, METADATA, VERSION
+from seqrsm.store.schema import EVENTS, META, METADATA, VERSION
 
 BUSY_TIMEOUT_S = 30.0
 RECONNECT_S = 60.0
@@ -71,8 +72,11 @@ class Database:
         self.network, self.read_only = "", False
         self._identity: tuple[int, int] | None = None
         self._rescued = ""
+        self._made = False
         if self.path is not None:
             _check_path(self.path, create)
+            if not self.path.exists():
+                self._make_file(self.path, campaign)
             with suppress(OSError):
                 mounts = _MOUNTS.read_text(encoding="utf-8", errors="replace")
                 self.network = network_file_system(self.path.parent.resolve(), mounts)
@@ -91,6 +95,17 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
+
+    def leave(self) -> None:
+        """Close for good; see `seqrsm.store.store.Store.leave`."""
+        with suppress(exc.DBAPIError, sqlite3.Error, OSError, StoreError):
+            if self._made and self.path is not None:
+                with self.read() as connection:
+                    used = connection.execute(sa.select(EVENTS.c.id).limit(1)).first()
+                self.close()
+                if not used and not _has_log(self.path):  # the last to close takes the log away
+                    self.path.unlink()
+        self.close()
 
     @contextmanager
     def read(self) -> Iterator[sa.Connection]:
@@ -181,8 +196,8 @@ class Database:
         with self._engine.connect() as connection:
             version = _schema_version(connection)
         if version is None:
-            if not create:
-                raise StoreError("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
+            if not create or self.path is not None:
+                raise StoreError(_NO_TABLES, _NEW_OR_COPY, file=self.label)
             self._create(campaign)
         else:
             self._check_version(version)
@@ -203,19 +218,30 @@ class Database:
             raise StoreError(message, "Use the version that wrote it.", file=self.label)
 
     def _create(self, campaign: str) -> None:
-        with self._engine.connect() as connection:
-            connection = connection.execution_options(seqrsm_write=True)
-            with connection.begin():
-                if connection.dialect.name == "postgresql":
-                    connection.execute(sa.text("SELECT pg_advisory_xact_lock(1381190961)"))
-                # Another process may have made the tables since we looked.
-                if _schema_version(connection) is not None:
-                    return
-                METADATA.create_all(connection)
-                rows = {"campaign": campaign, "created_at": utc_now(), "created_version": __version__}
-                connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
-                connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
-                connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": VERSION})
+        with self._engine.connect() as connection, connection.begin():
+            connection.execute(sa.text("SELECT pg_advisory_xact_lock(1381190961)"))
+            # Another process may have made the tables since we looked.
+            if _schema_version(connection) is None:
+                _fill(connection, campaign)
+
+    def _make_file(self, path: Path, campaign: str) -> None:
+        """A whole database or none, whoever else makes it, and whenever this process is killed."""
+        draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.new")
+        engine = sa.create_engine(sa.URL.create("sqlite", database=str(draft)))
+        try:
+            with engine.begin() as connection:
+                _fill(connection, campaign)
+            engine.dispose()
+            with suppress(FileExistsError):
+                _name(draft, path)
+                self._made = True
+        except (OSError, exc.DBAPIError) as error:
+            message = (
+                f"the database cannot be made ({error.orig if isinstance(error, exc.DBAPIError) else error.strerror})"
+            )
+            raise StoreError(message, "Check that its folder may be written.", file=str(path)) from None
+        finally:
+            draft.unlink(missing_ok=True)
 
     # -- errors ---------------------------------------------------------------------------------------------------
 
@@ -247,6 +273,8 @@ _SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
+_NO_TABLES = "this is no campaign's database: it has no tables"
+_NEW_OR_COPY = "Restore the file from a copy, or delete it if the campaign is new."
 _RESTORE = "Restore the file from a copy; what can be read comes out with: sqlite3 campaign.db .recover"
 _EXPLANATIONS = (
     ("not a database", "the file is not a database, or its beginning is damaged", _RESTORE),
@@ -303,12 +331,8 @@ def _check_path(path: Path, create: bool) -> None:
         raise StoreError("there is no such folder", _ABSENT_REMEDY, file=str(path.parent))
     if not create and not path.exists():
         raise StoreError("there is no database yet", _ABSENT_REMEDY, file=str(path))
-    if create and not path.exists():
-        try:
-            path.touch()  # an unfinished creation; SQLite makes no files, in the place of one that vanished
-        except OSError as error:
-            message = f"the database cannot be made ({error.strerror})"
-            raise StoreError(message, "Check that its folder may be written.", file=str(path)) from None
+    if path.exists() and not path.stat().st_size:
+        raise StoreError(_NO_TABLES, _NEW_OR_COPY, file=str(path))
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
         raise StoreError(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
@@ -410,6 +434,25 @@ def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
 def _begin_sqlite(connection: sa.Connection) -> None:
     write = connection.get_execution_options().get("seqrsm_write", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+
+def _name(draft: Path, path: Path) -> None:
+    """Give a file its name, unless another has it."""
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if not path.exists():
+            draft.rename(path)
+
+
+def _fill(connection: sa.Connection, campaign: str) -> None:
+    METADATA.create_all(connection)
+    rows = {"campaign": campaign, "created_at": utc_now(), "created_version": __version__}
+    connection.execute(sa.insert(META), [{"key": key, "value": value} for key, value in rows.items()])
+    connection.execute(sa.text("CREATE TABLE alembic_version (version_num VARCHAR(32) PRIMARY KEY)"))
+    connection.execute(sa.text("INSERT INTO alembic_version VALUES (:head)"), {"head": VERSION})
 
 
 def _schema_version(connection: sa.Connection) -> str | None:

@@ -121,6 +121,10 @@ class Store:
         """Close all connections."""
         self._database.close()
 
+    def leave(self) -> None:
+        """Close for good; a file that this process made, into which nobody wrote, goes again."""
+        self._database.leave()
+
     def __enter__(self) -> Self:
         return self
 

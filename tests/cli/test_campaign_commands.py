@@ -424,7 +424,7 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     assert "this radar cannot be built, gain against beam" in (copy / "after.html").read_text(encoding="utf-8")
 
 
-def test_check_of_several_applications_is_of_the_one_whose_scores_scatter_most(tmp_path, tiny_scene) -> None:
+def test_check_of_several_applications_is_of_the_one_farthest_from_the_target(tmp_path, tiny_scene) -> None:
     """Not the noise of one with the unit and the spread of another; and by more worlds than a few."""
     two = TINY.replace('levels = ["HH", "HH+HV"]', 'levels = ["HH", "VV"]').replace(
         "[simulator]", '[[application]]\nname = "wild"\nutility = "mine:wild"\nunit = "dB"\n\n[simulator]', 1
@@ -436,7 +436,7 @@ def test_check_of_several_applications_is_of_the_one_whose_scores_scatter_most(t
     found = json.loads(seqrsm("check", folder, "--json").stdout)
     assert found["unit"] == "dB"
     assert (
-        found["noise_source"] == "simulations at the centre, 10 degrees of freedom; of wild, whose scores scatter most"
+        found["noise_source"] == "simulations at the centre, 10 degrees of freedom; of wild, whose interval is widest"
     )
     assert 4e3 < found["noise"] < 2e4
     assert found["plans"][0]["half_width"] > 1e3

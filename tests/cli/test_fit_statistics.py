@@ -592,3 +592,47 @@ def test_runs_of_leverage_one_are_told_in_the_plural_where_there_are_others(tmp_
     text = told("saturated", 0.0, 4.0, 10.0)
     assert "as many terms as runs" in text
     assert "leverage 1" not in text
+
+
+def test_scores_without_scatter_give_no_intervals(tmp_path: Path) -> None:
+    """That no scatter was seen is not to say that a future run has none."""
+    rows = [{"x": x, "pol": pol, "score": 70.1} for x in (0, 2.5, 5, 10) for pol in ("HH", "VV") for _ in range(2)]
+    folder = make(tmp_path / "c", X + POL, rows)
+    text = CliRunner().invoke(app, ["fit", str(folder)]).stdout
+    assert "All scores are equal" in text
+    assert "no error estimate: the model passes through every score" in text
+    assert "70.1 to 70.1" not in text
+    found = json.loads(CliRunner().invoke(app, ["fit", str(folder), "--json"]).stdout)
+    assert found["optimum"]["prediction"]["half_width"] is None
+    assert not found["stop"]["held"]
+    assert "± 0" not in CliRunner().invoke(app, ["status", str(folder)]).stdout
+    check = json.loads(CliRunner().invoke(app, ["check", str(folder), "--json"]).stdout)
+    assert check["noise"] is None
+    assert check["unit"] == "s"
+
+
+def test_runs_may_cost_nothing(tmp_path: Path) -> None:
+    rows = [row | {"source": ("simulation", "flight")[i % 2]} for i, row in enumerate(quadratic())]
+    for simulation, flight in ((0, 2), (0, 0)):
+        cost = f"[cost]\nsimulation = {simulation}\nflight = {flight}\n"
+        folder = make(tmp_path / f"c{flight}", X + FREQUENCY, rows, cost)
+        runs = list(Campaign.open(folder).propose(3, source="best"))
+        assert len(runs) == 3
+        assert all(run.cost == (flight if run.source == "flight" else simulation) for run in runs)
+
+
+def test_flights_far_from_simulations_are_told(tmp_path: Path) -> None:
+    """The default prior draws a difference of 20 towards 0; that is to be known."""
+    rows = [row | {"source": ("simulation", "flight")[i % 2]} for i, row in enumerate(quadratic(30))]
+    near, far = (
+        [row | {"score": row["score"] - (off if row["source"] == "flight" else 0.0)} for row in rows]
+        for off in (0.5, 20)
+    )
+    says = "raise [model] discrepancy_sd"
+    for name, given, model, told in (
+        ("near", near, "", False),
+        ("far", far, "", True),
+        ("raised", far, "[model]\ndiscrepancy_sd = 20.0\n", False),
+    ):
+        warnings = fit(make(tmp_path / name, X + FREQUENCY, given, model))["warnings"]
+        assert any(says in text for text in warnings) == told

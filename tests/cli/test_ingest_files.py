@@ -362,3 +362,22 @@ def test_status_is_remembered_until_anything_changes(make, monkeypatch, tmp_path
     folder.call("void", 5, "--why", "clouds")
     second = json.loads(folder.call("status", "--json"))
     assert second["applications"][0]["last_look"]["n_runs"] == first["applications"][0]["last_look"]["n_runs"] - 1
+
+
+def test_a_block_that_is_another_but_for_case_or_blanks_is_held_back(tmp_path):
+    """Each would be a day of its own, with an effect of its own."""
+    folder = Folder(tmp_path, SPEC.format(more='[model]\nblock = "day"'))
+    rows = "2,10,HH,Day 1,61\n3,20,VV,day 2,62\n"
+    folder.call("ingest", folder.write(f"frequency,resolution,polarization,day,score\n{rows}"))
+    again = folder.write("frequency,resolution,polarization,day,score\n4,10,HH,day1,63\n5,20,VV,Day 2,64\n", "more.csv")
+    told = folder.call("ingest", again, code=2)
+    assert "more.csv:2: day: the block 'Day 1' differs by case or blanks alone (got 'day1'). Write Day 1." in told
+    assert "more.csv:3: day: the block 'day 2'" in told
+    assert "2 new runs" in folder.call("ingest", again, "--accept")
+
+
+def test_a_wrong_count_is_told_once(tmp_path):
+    folder = Folder(tmp_path, SPEC.format(more=""))
+    told = folder.call("ingest", folder.write("frequency,resolution,polarization,n,correct\n2,10,HH,0,0\n"), code=2)
+    assert "n: a whole number of at least 1 is expected (got '0')" in told
+    assert "score" not in told.replace("scores.csv", "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ def quiet(s, r, table=None, **options):
 def test_equal_looks_everywhere_are_no_range(looks, says):
     image = quiet(scene(np.zeros((60, 20)), 10.0), radar(resolution_m=30.0, looks=looks))
     assert says in picture_of(image).remark
+    assert "12300 looks;" in picture_of(replace(image, looks=np.full_like(image.looks, 12345.0))).remark
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 1e-6)])

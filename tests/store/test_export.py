@@ -74,7 +74,7 @@ def test_csv_has_a_row_for_each_score(filled):
     assert (first["run_id"], second["run_id"], third["run_id"]) == ("1", "1", "2")
     assert float(first["score"]) == 0.1 + 0.2
     assert (first["application"], second["application"], third["score"], third["state"]) == ("a", "b", "", "void")
-    assert (first["x"], first["proposed_x"], second["score"]) == ("-0.2", "-0.1", "-2.0")  # numbers stay numbers
+    assert (first["x"], first["proposed_x"], second["score"]) == ("-0.2", "-0.1", "-2")  # numbers stay numbers
     assert json.loads(first["metadata"]) == {"q": [1]}
     assert len(rows(paths[2])) == len(store.events())
     assert len(rows(paths[1])) == 1
@@ -91,7 +91,7 @@ def test_csv_names_units_and_the_column_of_blocks(store, tmp_path):
     ingest_files(store, spec, [tmp_path / "s.csv"])
     export(store, spec, tmp_path / "all.csv")
     first, second = rows(tmp_path / "all.csv")
-    assert (first["x [K]"], first["proposed_x [K]"], first["cost [kEUR]"]) == ("0.5", "0.5", "1.0")
+    assert (first["x [K]"], first["proposed_x [K]"], first["cost [kEUR]"]) == ("0.5", "0.5", "1")
     assert (first["day"], second["day"], "block" in first) == ("Mon", "Tue", False)
     (report,) = ingest_files(store, spec, [tmp_path / "all.csv"])
     assert (report.unchanged, report.messages) == ((1, 2), ())
@@ -108,7 +108,7 @@ def test_a_factor_named_as_a_column_of_runs_keeps_its_name(store, tmp_path):
     export(store, spec, tmp_path / "all.csv")
     header = (tmp_path / "all.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert len(set(header)) == len(header)
-    assert [rows(tmp_path / "all.csv")[0][name] for name in ("cost", "run_cost")] == ["0.5", "3.0"]
+    assert [rows(tmp_path / "all.csv")[0][name] for name in ("cost", "run_cost")] == ["0.5", "3"]
 
 
 def test_no_cell_is_a_formula(filled):

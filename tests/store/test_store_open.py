@@ -58,12 +58,25 @@ def test_a_folder_in_its_place(tmp_path):
         Store.open(tmp_path, create=True)
 
 
-def test_empty_file_is_an_unfinished_creation(tmp_path):
+@pytest.mark.parametrize("create", [False, True])
+def test_empty_file_is_no_new_campaign(tmp_path, create):
     (tmp_path / STORE_NAME).touch()
-    with pytest.raises(StoreError, match="no tables"):
-        Store.open(tmp_path)
-    with Store.open(tmp_path, create=True, campaign="a") as store:
-        assert store.runs() == ()
+    with pytest.raises(StoreError, match=r"no tables"):
+        Store.open(tmp_path, create=create, campaign="a")
+    assert not (tmp_path / STORE_NAME).stat().st_size
+
+
+def test_file_into_which_nobody_wrote_goes_again(tmp_path):
+    first, second = (Store.open(tmp_path, create=True, campaign="a") for _ in range(2))
+    first.leave()
+    assert second.runs() == ()  # which another process has open
+    second.add_event("x", {})
+    second.leave()
+    Store.open(tmp_path, create=True).leave()
+    assert [path.name for path in tmp_path.iterdir()] == [STORE_NAME]
+    (tmp_path / "b").mkdir()
+    Store.open(tmp_path / "b", create=True, campaign="b").leave()
+    assert not list((tmp_path / "b").iterdir())
 
 
 def test_no_data_base(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS, canopy_share, level_days, on_day
+from seqrsm.scattering.calendar import DAYS, _c_band_db, canopy_share, level_days, on_day
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -321,3 +321,8 @@ def test_values_on_days_are_those_of_numpy_across_the_ends_of_the_year():
     days = np.array([-400.2, -0.5, 0.0, 0.3, 1.0, 180.25, 364.0, 364.9, 365.0, 365.4, 366.0, 800.7])
     np.testing.assert_array_equal(on_day(years, days), [np.interp(days, DAYS, year, period=365.0) for year in years])
     np.testing.assert_array_equal(on_day(years, 364.9), on_day(years, days)[:, 7])
+
+
+def test_a_crop_without_course_in_c_band_is_named():
+    with pytest.raises(ScatteringDataError, match=r"calendar_c_band\.csv: VV: no course in C band.*Rice"):
+        _c_band_db("Rice", "VV")

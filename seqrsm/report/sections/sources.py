@@ -308,7 +308,7 @@ def _channel_table(about_channels: AboutChannels) -> Table:
 def provenance_section(dossier: Dossier) -> Section:
     """Return versions, seed, data sources, history, and the commands that make this report again."""
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
-    text = "Times are left out: the same campaign gives the same report. seqrsm status --history lists them."
+    text = "Times of runs are left out: the same campaign gives the same report. seqrsm status --history lists them."
     blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce), Paragraph(text)]
     region, analyses = dossier.spec.region, dossier.analyses
     made = settings_of_run(region, np.array([one.optimum.point for one in analyses]))
