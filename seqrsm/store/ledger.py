@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import sqlalchemy as sa
@@ -15,7 +16,7 @@ from seqrsm.store.database import utc_now
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 
-_RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
+_RUN_COLUMNS = (RUNS.c.id, *(RUNS.c[one.name] for one in fields(RunRecord) if one.name not in ("run_id", "scores")))
 MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
@@ -45,7 +46,7 @@ class Ledger:
         """Id of the next run: one more than the last."""
         return self._number(sa.select(sa.func.max(RUNS.c.id))) + 1
 
-    def last_event(self, apart: Sequence[str]) -> int:
+    def last_event(self, apart: Sequence[str] = ()) -> int:
         """Number of the latest event, those of some kinds apart; 0 before the first."""
         return self._number(sa.select(sa.func.max(EVENTS.c.id)).where(EVENTS.c.kind.not_in(apart)))
 
@@ -75,14 +76,8 @@ class Ledger:
         for _, *values in self.connection.execute(joined):
             record = ScoreRecord(*values)
             scores.setdefault(record.run_id, []).append(record)
-        return tuple(
-            RunRecord(
-                run_id=row.id,
-                scores=tuple(scores.get(row.id, ())),
-                **{name: getattr(row, name) for name in _RUN_FIELDS},
-            )
-            for row in self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
-        )
+        query = sa.select(*_RUN_COLUMNS).where(condition).order_by(RUNS.c.id)
+        return tuple(RunRecord(*row, scores=tuple(scores.get(row.id, ()))) for row in self.connection.execute(query))
 
     # -- changing -------------------------------------------------------------------------------------------------
 
