@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import sqlalchemy as sa
@@ -16,7 +15,6 @@ from seqrsm.store.database import utc_now
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 
-_RUN_COLUMNS = (RUNS.c.id, *(RUNS.c[one.name] for one in fields(RunRecord) if one.name not in ("run_id", "scores")))
 MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
@@ -76,8 +74,8 @@ class Ledger:
         for _, *values in self.connection.execute(joined):
             record = ScoreRecord(*values)
             scores.setdefault(record.run_id, []).append(record)
-        query = sa.select(*_RUN_COLUMNS).where(condition).order_by(RUNS.c.id)
-        return tuple(RunRecord(*row, scores=tuple(scores.get(row.id, ()))) for row in self.connection.execute(query))
+        rows = self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
+        return tuple(RunRecord(*(*row, tuple(scores.get(row.id, ())))) for row in rows)
 
     # -- changing -------------------------------------------------------------------------------------------------
 

@@ -273,19 +273,18 @@ class Store:
         with self._write() as ledger:
             ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
 
-    def release_stale(self, older_than_s: float = LEASE_S) -> tuple[int, ...]:
+    def release_stale(self) -> tuple[int, ...]:
         """Issue again the runs whose process died.
 
         A run is stale when its process ran on this host and is gone, or when nothing was heard of the process for more
-        than ``older_than_s`` [s]. Should it come back after all, its scores are those of any other process, and are
-        kept once.
+        than `LEASE_S`. Should it come back after all, its scores are those of any other process, and are kept once.
 
         Returns
         -------
         tuple of int
             Ids of the runs released.
         """
-        limit = utc_now(older_than_s)
+        limit = utc_now(LEASE_S)
         with self._write() as ledger:
             columns = (RUNS.c.id, RUNS.c.owner, RUNS.c.started_at, RUNS.c.seen_at)
             query = sa.select(*columns).where(RUNS.c.state == "running")
