@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 
@@ -28,7 +27,7 @@ def plain(value: Any) -> Any:
 
 def shallow(found: Any) -> dict[str, Any]:
     """The fields of a dataclass by their names, what they hold as it is (`dataclasses.asdict` copies it)."""
-    return {field.name: getattr(found, field.name) for field in fields(found)}
+    return {name: getattr(found, name) for name in found.__dataclass_fields__}
 
 
 def counted(n: int, one: str, many: str = "") -> str:

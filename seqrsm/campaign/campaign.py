@@ -359,7 +359,7 @@ class Campaign:
         if not covers:
             return {}
         tasks = one_away_tasks(self.spec, analysis.optimum.settings, covers, occasions, self.cells_of_ground())
-        scores = self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(occasions))
+        scores = self.scores_of(tasks, analysis.application, workers, cluster).reshape(len(occasions), -1).T
         return dict(zip(covers, (scores[1:] - scores[0]).reshape(len(covers), 2, -1), strict=True))
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:

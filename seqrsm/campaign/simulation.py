@@ -239,12 +239,12 @@ def one_away_tasks(
     occasions: Sequence[int],
     cells: int = 0,
 ) -> list[SimulationTask]:
-    """The table's own means, then each cover's mean a standard deviation up, and down; the same occasions of each."""
+    """On each occasion the table's own means, then each cover's mean a standard deviation up, and down."""
     worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]
     return [
         replace(task_of(spec, _BUNDLE + occasion, settings, cells=cells), world=world)
-        for world in worlds
         for occasion in occasions
+        for world in worlds
     ]
 
 

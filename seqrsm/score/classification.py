@@ -136,7 +136,8 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
         if evidence.label is not None:
             counts = np.where((evidence.label == label)[:, None], counts, 0)
         laws = (centre, scale, known_scale, constant + said)
-        kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion)
+        lines = kernels_classify.work_lines(len(evidence.features))
+        kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion, *lines)
     return Classified(confusion[by.seen], by.classes)
 
 
@@ -168,7 +169,7 @@ def _laws(
     features, covariates = evidence.features, evidence.covariates
     n_classes, d = evidence.teaching.shape[1], len(features)
     sums = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
-    kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums)
+    kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums, np.empty(d))
     row, column = np.tril_indices(d)
     centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
     known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)

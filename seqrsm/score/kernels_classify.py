@@ -7,6 +7,8 @@ import numpy as np
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
 
+_BLOCK = 128
+
 
 @kernel
 def add_cells(
@@ -119,7 +121,9 @@ def merge_pixels(x: AnyArray, one: AnyArray, other: AnyArray, threshold: float) 
 
 
 @kernel
-def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float, out: AnyArray) -> None:
+def teach(
+    features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float, out: AnyArray, x: AnyArray
+) -> None:
     """Sums over the pixels of each half and class, of those that the class fills to a purity and of the others.
 
     Parameters
@@ -134,10 +138,11 @@ def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, 
     out : float64 array (2, 2, n_classes, 2 + d + d (d + 1) / 2)
         By half, by pure or not, by class: sums of the cells and of their squares; of the cells times each feature; of
         the cells times the product of each two, by rows of the lower triangle. Added to.
+    x : float64 array (d,)
+        Work space.
     """
     d, n_pixels = features.shape
     n_classes = counts.shape[1]
-    x = np.empty(d)
     for n in range(n_pixels):
         cells = 0.0
         for k in range(n_classes):
@@ -221,6 +226,12 @@ def _add_squares(
             square[n] += sign * (y * y)
 
 
+def work_lines(d: int) -> tuple[AnyArray, ...]:
+    """Space for blocks of pixels with ``d`` features in `name_classes`: to get it there takes longer to compile."""
+    pixel, filled = np.empty((2, _BLOCK), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    return np.empty((2, d, _BLOCK)), pixel, filled, *np.empty((3, _BLOCK)), np.empty(_BLOCK, dtype=np.int64)
+
+
 @kernel
 def name_classes(
     features: AnyArray,
@@ -232,6 +243,13 @@ def name_classes(
     known_scale: AnyArray,
     constant: AnyArray,
     confusion: AnyArray,
+    x: AnyArray,
+    pixel: AnyArray,
+    filled: AnyArray,
+    square: AnyArray,
+    z: AnyArray,
+    best: AnyArray,
+    named: AnyArray,
 ) -> None:
     """Give each pixel the class under whose law it is likeliest, and count what is right.
 
@@ -249,15 +267,12 @@ def name_classes(
         Added to the log likelihood; -inf for a class that cannot be named.
     confusion : int64 array (n_tiles, n_classes, n_classes)
         By tile, cells of class (row) that were given class (column). Added to.
+    x, pixel, filled, square, z, best, named : arrays
+        Of `work_lines`.
     """
     d, n_pixels = features.shape
     n_classes, own = counts.shape[1], d - known_scale.shape[2]
-    block = 128
-    # A block of pixels of each half is gathered before it is named.
-    x, pixel, filled = np.empty((2, d, block)), np.empty((2, block), dtype=np.int64), np.empty(2, dtype=np.int64)
-    filled[0] = filled[1] = 0
-    square, z, best = np.empty(block), np.empty(block), np.empty(block)
-    named = np.empty(block, dtype=np.int64)
+    block = square.shape[0]  # of pixels of each half, gathered before it is named
     for n in range(n_pixels + 2):
         # Past the last pixel, what is left of either half.
         h = n - n_pixels

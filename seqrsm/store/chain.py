@@ -10,41 +10,43 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter, itemgetter
 from typing import Any
 
-from seqrsm.plain import shallow
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord, misfit
 
+_EVENT = ("at", "version", "seed", "run_id", "kind", "detail")
 _RUN = ("batch", "purpose", "why", "source", "proposed", "executed", "block", "cost")
 _SCORE = ("application", "score", "se", "n", "correct", "metadata", "source_file", "source_row")
 _STATES = {"released": "issued", "retried": "issued"} | {
     kind: kind for kind in ("proposed", "issued", "running", "scored", "failed", "void")
 }
+_event_columns, _run_columns, _score_columns = attrgetter("event", *_EVENT), attrgetter(*_RUN), attrgetter(*_SCORE)
+_text = json.JSONEncoder(sort_keys=True, ensure_ascii=False, allow_nan=False).encode
 
 
 def event_hash(before: str, event: Mapping[str, Any]) -> str:
     """SHA-256 of an event, by its columns, and of the hash of the one before."""
-    columns = [event[name] for name in ("id", "at", "version", "seed", "run_id", "kind", "detail")]
+    return _chained(before, itemgetter("id", *_EVENT)(event))
+
+
+def _chained(before: str, columns: Sequence[Any]) -> str:
     return hashlib.sha256(f"{before}{_text(columns)}".encode()).hexdigest()
 
 
 def run_digest(run: Mapping[str, Any]) -> str:
     """Digest of what a run is, its state and times apart; of its columns."""
-    return _digest([run[name] for name in _RUN])
+    return _digest(itemgetter(*_RUN)(run))
 
 
 def score_digest(score: Mapping[str, Any]) -> str:
     """Digest of a score, the time apart; of its columns."""
-    return _digest([score[name] for name in _SCORE])
+    return _digest(itemgetter(*_SCORE)(score))
 
 
 def look_digest(summary: Mapping[str, Any]) -> str:
     """Digest of what a look found."""
     return _digest([summary])
-
-
-def _text(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, ensure_ascii=False, allow_nan=False)
 
 
 def _digest(values: Sequence[Any]) -> str:
@@ -79,7 +81,7 @@ def changes(
         if name := misfit(event):
             yield f"{name} of event {event.event} is {getattr(event, name)!r}"
             return
-        if event.hash != event_hash(before, {**shallow(event), "id": event.event}):
+        if event.hash != _chained(before, _event_columns(event)):
             yield f"event {event.event} ({event.kind}) or one before it was changed, lost or put in"
             return
         before = event.hash
@@ -100,7 +102,7 @@ def changes(
 
 
 def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:
-    if told.run != run_digest(shallow(run)):
+    if told.run != _digest(_run_columns(run)):
         yield f"run {run.run_id} is not what was proposed and carried out"
     if told.state not in ("", run.state):
         yield f"run {run.run_id} is {run.state}, and was {told.state}"
@@ -108,5 +110,5 @@ def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:
     if lost := told.scores.keys() - scores.keys():
         yield f"run {run.run_id} has lost its score of '{min(lost)}'"
     for name, score in scores.items():
-        if score.metadata.get("derived") != derived and told.scores.get(name) != score_digest(shallow(score)):
+        if score.metadata.get("derived") != derived and told.scores.get(name) != _digest(_score_columns(score)):
             yield f"the score of run {run.run_id} for '{name}' is not the one that was recorded"

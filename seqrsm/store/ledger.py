@@ -15,7 +15,6 @@ from seqrsm.store.database import utc_now
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 
-_RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
 MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
@@ -45,7 +44,7 @@ class Ledger:
         """Id of the next run: one more than the last."""
         return self._number(sa.select(sa.func.max(RUNS.c.id))) + 1
 
-    def last_event(self, apart: Sequence[str]) -> int:
+    def last_event(self, apart: Sequence[str] = ()) -> int:
         """Number of the latest event, those of some kinds apart; 0 before the first."""
         return self._number(sa.select(sa.func.max(EVENTS.c.id)).where(EVENTS.c.kind.not_in(apart)))
 
@@ -75,14 +74,8 @@ class Ledger:
         for _, *values in self.connection.execute(joined):
             record = ScoreRecord(*values)
             scores.setdefault(record.run_id, []).append(record)
-        return tuple(
-            RunRecord(
-                run_id=row.id,
-                scores=tuple(scores.get(row.id, ())),
-                **{name: getattr(row, name) for name in _RUN_FIELDS},
-            )
-            for row in self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
-        )
+        rows = self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
+        return tuple(RunRecord(*(*row, tuple(scores.get(row.id, ())))) for row in rows)
 
     # -- changing -------------------------------------------------------------------------------------------------
 

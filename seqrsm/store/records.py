@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from types import NoneType, UnionType
+from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
@@ -353,23 +353,20 @@ class IngestOutcome:
 
 
 @lru_cache
-def _hints(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+def _allowed(kind: Any) -> tuple[tuple[str, tuple[type, ...]], ...]:
+    """Fields of a record, with the types that each may have: a whole number is a float, too."""
+    found = []
+    for name, hint in get_type_hints(kind).items():
+        parts = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+        found.append((name, tuple(get_origin(part) or part for part in parts) + (int,) * (float in parts)))
+    return tuple(found)
 
 
 def misfit(record: Any) -> str:
     """Name of a field whose value is not of the type that the record asks for; "" where all are."""
-    return next((name for name, hint in _hints(record.__class__).items() if not _fits(getattr(record, name), hint)), "")
-
-
-def _fits(value: object, hint: Any) -> bool:
-    origin = get_origin(hint)
-    if origin is UnionType:
-        return any(_fits(value, part) for part in get_args(hint))
-    if hint is NoneType:
-        return value is None
-    if hint is float:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
-    return isinstance(value, origin or hint)
+    for name, kinds in _allowed(record.__class__):
+        value = getattr(record, name)
+        large = type(value) is int and float not in kinds and abs(value) >= 2**63
+        if large or type(value) not in kinds:
+            return name
+    return ""

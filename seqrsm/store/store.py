@@ -82,6 +82,7 @@ class Store:
         if kind:
             self.note = f"the campaign lies on a network file system ({kind}): work on it from one host only"
         self._mark: int | None = None
+        self._known: tuple[int, tuple[RunRecord, ...]] = -1, ()  # the runs as they were at an event
 
     @classmethod
     def open(
@@ -276,19 +277,18 @@ class Store:
         with self._write() as ledger:
             ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
 
-    def release_stale(self, older_than_s: float = LEASE_S) -> tuple[int, ...]:
+    def release_stale(self) -> tuple[int, ...]:
         """Issue again the runs whose process died.
 
         A run is stale when its process ran on this host and is gone, or when nothing was heard of the process for more
-        than ``older_than_s`` [s]. Should it come back after all, its scores are those of any other process, and are
-        kept once.
+        than `LEASE_S`. Should it come back after all, its scores are those of any other process, and are kept once.
 
         Returns
         -------
         tuple of int
             Ids of the runs released.
         """
-        limit = utc_now(older_than_s)
+        limit = utc_now(LEASE_S)
         with self._write() as ledger:
             columns = (RUNS.c.id, RUNS.c.owner, RUNS.c.started_at, RUNS.c.seen_at)
             query = sa.select(*columns).where(RUNS.c.state == "running")
@@ -373,16 +373,15 @@ class Store:
 
     def runs(self, states: Iterable[str] | None = None, *, source: str | None = None) -> tuple[RunRecord, ...]:
         """Runs with their scores, by id; only those of the given states and source."""
-        conditions: list[sa.ColumnElement[bool]] = []
-        if states is not None:
-            wanted = (states,) if isinstance(states, str) else tuple(states)
-            if unknown := set(wanted) - set(STATES):
-                raise StoreError("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown))
-            conditions.append(RUNS.c.state.in_(wanted))
-        if source is not None:
-            conditions.append(RUNS.c.source == source)
+        wanted = STATES if states is None else (states,) if isinstance(states, str) else tuple(states)
+        if unknown := set(wanted) - set(STATES):
+            raise StoreError("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown))
         with self._read() as ledger:
-            return ledger.runs(sa.and_(sa.true(), *conditions))
+            event, runs = ledger.last_event(), self._known[1]
+            if self._known[0] != event or any(run.state == "running" for run in runs):  # a heartbeat is no event
+                runs = ledger.runs(sa.true())
+                self._known = event, runs
+        return tuple(run for run in runs if run.state in wanted and source in (None, run.source))
 
     def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
         """Looks in order; only those of one application."""
@@ -427,7 +426,8 @@ class Store:
         with self._read() as ledger:
             events = (EventRecord(*row) for row in ledger.connection.execute(sa.select(EVENTS).order_by(EVENTS.c.id)))
             looks = [LookRecord(*row) for row in ledger.connection.execute(sa.select(LOOKS))]
-            found = list(changes(ledger.runs(sa.true()), looks, events, DERIVED))
+            self._known = ledger.last_event(), ledger.runs(sa.true())
+            found = list(changes(self._known[1], looks, events, DERIVED))
         if found:
             remedy = "Restore the database from a copy."
             raise StoreError(*(Problem(text, remedy, file=self.label) for text in found[:5]))

@@ -155,9 +155,10 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
     away = one_away_tasks(spec, settings, ["Wheat"], range(2))
-    plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
+    plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[:3])
     assert down < plain < up
-    assert {task.run_id for task in away[::2]} == {away[0].run_id}
+    assert [task.run_id for task in away[:3]] == [away[0].run_id] * 3
+    assert [task.world for task in away[3:]] == [task.world for task in away[:3]]
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:

@@ -57,13 +57,13 @@ def power_cells(
     power,
     offset,
     state,
+    w,
+    pairs,
+    index,
 ):
     """Power, position and state of every element by the rows of `kernels.sum_echoes`, which adds them up."""
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    w = kernels._work_lines(z)
-    pairs = np.empty(kernels.STRIP, dtype=table.dtype)
-    index = np.empty(kernels.STRIP, dtype=np.uint32)
     for begin in range(0, z.shape[1], kernels.STRIP):
         left, m = np.uint64(begin), np.uint64(min(kernels.STRIP, z.shape[1] - begin))
         kernels._first_row(z, top, source[0], left, m, geometry, ground_format, w)
@@ -92,6 +92,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
     power = np.empty((lut.shape[0], *shape), dtype=dtype)
     offset = np.empty(shape, dtype=dtype)
     state = np.empty(shape, dtype=np.uint8)
+    table = paired_table(lut, dtype)
     power_cells(
         frame.elevation_m,
         frame.top_m,
@@ -101,13 +102,14 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
         grid.geometry,
         grid.rows.astype(dtype),
         radar.range_format == "ground",
-        paired_table(lut, dtype),
+        table,
         lut.shape[1],
         field_factor.astype(dtype),
         radar.pattern_lut().astype(dtype),
         power,
         offset,
         state,
+        *kernels.work_lines(frame.elevation_m, table),
     )
     kernels.mark_layover(offset, grid.base[1:-1], state)
     return PowerMap(frame, grid, power, offset, state)

@@ -183,7 +183,7 @@ def test_running_box_is_exact_over_a_wide_dynamic_range():
     sums = (10.0 ** rng.uniform(-6, 6, (1, 2, 500))).astype(np.float32)
     beam = np.array([7.0, 13.5])
     out = np.empty((1, 2, 500), dtype=np.float64)
-    kernels.average_azimuth(sums, beam, 1.0, np.ones(2), out)
+    kernels.average_azimuth(sums, beam, 1.0, np.ones(2), out, np.empty(501), np.empty(500))
     line = sums[0, 0].astype(float)
     expected = np.convolve(line, np.ones(7) / 7, mode="same")[3:-3]
     np.testing.assert_allclose(out[0, 0, 3:-3], expected, rtol=1e-4)

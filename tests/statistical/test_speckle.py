@@ -33,7 +33,7 @@ def speckled(looks, shape=(1, 400, 500), key=(1, 2), noise=0.0, mean=1.0):
     out = np.empty(shape)
     looks = np.broadcast_to(np.asarray(looks, dtype=float), (n_range,)).copy()
     words = (np.uint32(key[0]), np.uint32(key[1]))
-    given = np.arange(shape[0]), normal_table(), *words, 0, out
+    given = np.arange(shape[0]), normal_table(), *words, 0, out, *kernels.work_lines(shape[2])
     kernels.add_speckle(np.full(shape, mean), np.full(n_range, noise), *gamma_tables(looks), looks**-0.5, *given)
     return out
 

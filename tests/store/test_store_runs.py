@@ -155,7 +155,7 @@ def test_claim_takes_waiting_simulations_only(store):
         store.issue([99])
 
 
-def test_runs_of_dead_processes_are_released(store, tmp_path, url):
+def test_runs_of_dead_processes_are_released(store, tmp_path, url, monkeypatch):
     ids = store.add_batch([RUN], issue=True)
     script = (
         "import sys; from seqrsm.store.store import Store\n"
@@ -166,7 +166,8 @@ def test_runs_of_dead_processes_are_released(store, tmp_path, url):
     store.claim()
     assert store.release_stale() == (ids[0],)
     assert [run.state for run in store.runs()] == ["issued", "running"]
-    assert store.release_stale(older_than_s=-1.0) == (ids[1],)
+    monkeypatch.setattr("seqrsm.store.store.LEASE_S", -1.0)
+    assert store.release_stale() == (ids[1],)
     assert store.release_stale() == ()
     assert [event.kind for event in store.events() if event.run_id == ids[0]][-1] == "released"
 

@@ -21,7 +21,7 @@ from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.fading import gamma_tables, normal_table
-from seqrsm.simulate.radar.kernels_speckle import add_speckle
+from seqrsm.simulate.radar.kernels_speckle import add_speckle, work_lines
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
@@ -163,7 +163,7 @@ def looks() -> Iterator[Row]:
         for dtype in (np.float32, np.float64):
             out = np.empty((1, n, n), dtype=dtype)
             ones, key = np.ones((1, n, n), dtype=dtype), stream_key(1, 1, "speckle")
-            given = np.full(n, shape**-0.5), np.array([0]), normal_table(), *key, 0, out
+            given = np.full(n, shape**-0.5), np.array([0]), normal_table(), *key, 0, out, *work_lines(n)
             add_speckle(ones, np.zeros(n), *gamma_tables(np.full(n, shape)), *given)
             images.append(out.astype(np.float64))
         z = (images[1] - 1.0) * math.sqrt(shape)

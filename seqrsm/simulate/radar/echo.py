@@ -282,8 +282,9 @@ def _sum_echoes(
     layers = frame.elevation_m, frame.top_m, frame.source, frame.cover, frame.field
     ranges = grid.geometry, grid.rows.astype(frame.elevation_m.dtype), radar.range_format == "ground"
     sigma0, n_categories, factor, pattern = tables
+    lines = kernels.work_lines(frame.elevation_m, sigma0)
     kernels.sum_echoes(
-        *layers, *ranges, sigma0, n_categories, factor, pattern, grid.base, grid.first, *columns, out, *seen
+        *layers, *ranges, sigma0, n_categories, factor, pattern, grid.base, grid.first, *columns, out, *seen, *lines
     )
 
 
@@ -306,6 +307,8 @@ def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, 
     first = int(frame.source[frame.pad_near])
     rows = slice(first, first + frame.n_rows)
     pixel = np.full(frame.elevation_m.shape, -1, dtype=np.int32)
+    m = frame.elevation_m.shape[1]
+    column = np.minimum((np.arange(m) + 0.5) / grid.cells_a_pixel, grid.n_azimuth - 1).astype(np.int32)
     kernels.register_cells(
         frame.elevation_m[rows],
         frame.cover[rows],
@@ -314,8 +317,10 @@ def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, 
         grid.base[1:-1][own],
         radar.range_format == "ground",
         grid.first,
-        grid.cells_a_pixel,
-        (grid.n_bins, grid.n_azimuth),
+        np.int32(grid.n_bins),
+        np.int32(grid.n_azimuth),
+        column,
+        np.empty(m, dtype=frame.elevation_m.dtype),
         pixel[rows],
     )
     pixel = to_scene(pixel, frame, scene.shape, -1)

@@ -62,6 +62,9 @@ def sum_echoes(
     out: AnyArray,
     offset: AnyArray,
     state: AnyArray,
+    w: AnyArray,
+    pairs: AnyArray,
+    index: AnyArray,
 ) -> None:
     """Mean power of every data-base element, summed over range bins: the report's program POWER, eqs. (3-21) to (3-23).
 
@@ -116,12 +119,11 @@ def sum_echoes(
         `state`.
     state : uint8 array (n, m)
         Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
+    w, pairs, index : arrays
+        Of `work_lines`.
     """
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    w = _work_lines(z)
-    pairs = np.empty(STRIP, dtype=table.dtype)
-    index = np.empty(STRIP, dtype=np.uint32)
     for begin in range(low, high, STRIP):
         left, m = np.uint64(begin), np.uint64(min(STRIP, high - begin))
         _first_row(z, top, source[0], left, m, geometry, ground_format, w)
@@ -146,11 +148,11 @@ def sum_echoes(
                 _add_row(origin - first, least, most, left, m, w, out, c)
 
 
-@kernel
-def _work_lines(z: AnyArray) -> AnyArray:
-    """Space for the work lines of a strip, beginning with a line of the cache."""
+def work_lines(z: AnyArray, table: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Space for a strip in `sum_echoes`, its work lines beginning with a line of the cache."""
     whole = np.empty(_LINES * _LINE + _CACHE_LINE, dtype=z.dtype)
-    return whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
+    w = whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
+    return w, np.empty(STRIP, dtype=table.dtype), np.empty(STRIP, dtype=np.uint32)
 
 
 @kernel
@@ -445,7 +447,15 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
 
 
 @kernel
-def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor: AnyArray, out: AnyArray) -> None:
+def average_azimuth(
+    sums: AnyArray,
+    beam: AnyArray,
+    cells_a_pixel: float,
+    factor: AnyArray,
+    out: AnyArray,
+    total: AnyArray,
+    smooth: AnyArray,
+) -> None:
     """Average every range bin over the beam and then over the pixels in azimuth: eqs. (3-24) to (3-28), squared off.
 
     Parameters
@@ -460,28 +470,26 @@ def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor
         Factor of each bin, turns the sums into power [W].
     out : float array (n_channels, n_bins, n_pixels)
         Written. At the rim the mean is over the part inside the data base.
+    total, smooth : float64 arrays (m + 1,), (m,)
+        Work space. A float32 sum over rows with strong echoes would lose the weak ones.
     """
     n_channels, n_bins, m = sums.shape
     n_pixels = out.shape[2]
-    # Running sums in float64: a float32 sum over rows with strong echoes would lose the weak ones.
-    total = np.empty(m + 1, dtype=np.float64)
-    smooth = np.empty(m, dtype=np.float64)
     whole = int(cells_a_pixel)
     for c in range(n_channels):
         for i in range(n_bins):
-            line = sums[c, i]
             if beam[i] <= 1.0 and whole == cells_a_pixel:
                 # Nothing runs over the edges of pixels: their own cells are all that is added.
                 for k in range(n_pixels):
                     cells = min(m - k * whole, whole)
-                    own, mean = line[k * whole : k * whole + cells], 0.0
+                    mean = 0.0
                     for j in range(cells):
-                        mean += own[j]
+                        mean += sums[c, i, k * whole + j]
                     out[c, i, k] = mean / cells * factor[i]
                 continue
             total[0] = 0.0
             for j in range(m):
-                total[j + 1] = total[j] + line[j]
+                total[j + 1] = total[j] + sums[c, i, j]
             if beam[i] > 1.0:
                 for j in range(m):
                     low = max(j + 0.5 - 0.5 * beam[i], 0.0)
@@ -505,33 +513,6 @@ def _integral(total: AnyArray, x: float, m: int) -> float:
 
 
 @kernel
-def smear_range(image: AnyArray, width: AnyArray) -> None:
-    """Average over the range response where it is wider than a bin (near range, shallow bandwidth).
-
-    Parameters
-    ----------
-    image : float array (n_channels, n_bins, n_pixels)
-        Changed in place.
-    width : float64 array (n_bins,)
-        Width of the range response [bins]; rows with 1 or less are left alone.
-    """
-    n_channels, n_bins, n_pixels = image.shape
-    line = np.empty(n_bins, dtype=np.float64)
-    total = np.empty(n_bins + 1, dtype=np.float64)
-    for c in range(n_channels):
-        for k in range(n_pixels):
-            total[0] = 0.0
-            for i in range(n_bins):
-                line[i] = image[c, i, k]
-                total[i + 1] = total[i] + line[i]
-            for i in range(n_bins):
-                if width[i] > 1.0:
-                    low = max(i + 0.5 - 0.5 * width[i], 0.0)
-                    high = min(i + 0.5 + 0.5 * width[i], float(n_bins))
-                    image[c, i, k] = (_integral(total, high, n_bins) - _integral(total, low, n_bins)) / (high - low)
-
-
-@kernel
 def register_cells(
     z: AnyArray,
     cover: AnyArray,
@@ -540,8 +521,10 @@ def register_cells(
     base: AnyArray,
     ground_format: bool,
     first: int,
-    cells_a_pixel: float,
-    shape: tuple[int, int],
+    n_bins: np.int32,
+    n_pixels: np.int32,
+    column: AnyArray,
+    line: AnyArray,
     out: AnyArray,
 ) -> None:
     """Pixel into which each element's own power falls (terrain-corrected registration).
@@ -558,19 +541,16 @@ def register_cells(
     ground_format : bool
     first : int
         First range bin of the image.
-    cells_a_pixel : float
-        Azimuth cells in a pixel.
-    shape : tuple of int
-        Bins and pixels of the image.
+    n_bins, n_pixels : int32
+        Of the image.
+    column : int32 array (m,)
+        Column of pixels that each column of cells lies in.
+    line : float array (m,)
+        Work space.
     out : int32 array (n, m)
         Written: ``bin * n_pixels + pixel``; -1 without data or outside the image.
     """
     n, m = z.shape
-    n_bins, n_pixels = np.int32(shape[0]), np.int32(shape[1])
-    column = np.empty(m, dtype=np.int32)
-    for j in range(m):
-        column[j] = np.int32(min(int((j + 0.5) / cells_a_pixel), shape[1] - 1))
-    line = np.empty(m, dtype=z.dtype)
     for i in range(n):
         for j in range(m):
             line[j] = z[i, j]

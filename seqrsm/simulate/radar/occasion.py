@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Course, on_day
 from seqrsm.scattering.readers import POLARIZATIONS
@@ -252,12 +253,15 @@ def met_occasion(
         _, parent = pieces(scene, radar.texture_m)
         # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
         place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
-        draws = half_lasting(visit, "texture", (1 + max(place), len(parent)), radar.frequency_ghz, **key)
+        draws = _texture(visit, "texture", (1 + max(place), len(parent)), radar.frequency_ghz, **key)
         offset = offset[:, parent]
         for c, lookup in enumerate(lookups):
             shared = float(np.mean(lookup.channel_correlation))
             offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * draws[place[c]])
     return replace(met, field_offset_db=offset, field_moisture=moisture)
+
+
+_texture = cached_by_thread(maxsize=1)(half_lasting)  # simulations that move one cover after another share it
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:

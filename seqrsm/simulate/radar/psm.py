@@ -210,7 +210,8 @@ def _mean_power(
 
     def average(k: int) -> None:
         c, rows = block(k, n, threads)
-        kernels.average_azimuth(sums[c, rows], boxed[rows], grid.cells_a_pixel, factor[rows], mean[c, rows])
+        lines = np.empty(sums.shape[2] + 1), np.empty(sums.shape[2])
+        kernels.average_azimuth(sums[c, rows], boxed[rows], grid.cells_a_pixel, factor[rows], mean[c, rows], *lines)
 
     do_all(average, threads * len(mean), threads)
     if frame.wrapped:
@@ -219,8 +220,33 @@ def _mean_power(
     if not is_box:
         mean = spread_over_cells(mean, radar.cell_shape, width, beam / grid.cells_a_pixel)
     elif smeared:
-        kernels.smear_range(mean, width)
+        for plane in mean:
+            _smear_range(plane, width)
     return mean, smeared
+
+
+def _smear_range(plane: AnyArray, width: FloatArray) -> None:
+    """Average over the range response where it is wider than a bin (near range, shallow bandwidth).
+
+    Parameters
+    ----------
+    plane : float array (n_bins, n_pixels)
+        Changed in place.
+    width : float64 array (n_bins,)
+        Width of the range response [bins]; rows with 1 or less are left alone.
+    """
+    rows = np.flatnonzero(width > 1.0)
+    low = np.maximum(rows + 0.5 - 0.5 * width[rows], 0.0)
+    high = np.minimum(rows + 0.5 + 0.5 * width[rows], len(plane))
+    last = min(int(high.max()), len(plane) - 1)
+    total = np.zeros((last + 2, plane.shape[1]))
+    np.cumsum(plane[: last + 1], axis=0, dtype=np.float64, out=total[1:])
+
+    def integral(x: FloatArray) -> FloatArray:
+        k = np.minimum(x.astype(np.int64), last)
+        return np.asarray(total[k] + (x - k)[:, None] * (total[k + 1] - total[k]))
+
+    plane[rows] = (integral(high) - integral(low)) / (high - low)[:, None]
 
 
 def _faded(
@@ -245,7 +271,8 @@ def _faded(
         c, rows = block(k, mean.shape[1], threads)
         (tables, which), spread = gamma_tables(looks[rows]), 1.0 / np.sqrt(looks[rows])
         own = tables, which, spread, numbers[c], normal_table(), *key, rows.start
-        kernels_speckle.add_speckle(mean[c, rows], noise[rows], *own, out[c, rows])
+        lines = kernels_speckle.work_lines(mean.shape[2])
+        kernels_speckle.add_speckle(mean[c, rows], noise[rows], *own, out[c, rows], *lines)
 
     do_all(fade, threads * len(mean), threads)
     return out
