@@ -210,6 +210,19 @@ def test_a_field_stays_itself_over_dates():
     np.testing.assert_array_equal(field_offsets((150.0,), "Wheat")[0], wheat[0])
 
 
+@pytest.mark.parametrize("frequency", [1.25, 5.4])
+@pytest.mark.parametrize("name", ["Wheat", "Oats", "Corn", "Vegetables"])
+def test_fields_differ_on_a_day_by_what_was_measured_on_such_days(name, frequency):
+    """By the table's spread with early and late fields in it, or by more where the shift of the calendar alone does."""
+    k = CROPS.index(name)
+    for day in (150.0, 184.0):
+        looked = at(day, frequency=frequency)
+        told = looked.field_sd_db[k] * on_day(looked.course.spread[k], day)
+        shifted = on_day(looked.course.change_db[k], day + np.random.default_rng(1).normal(0.0, 8.0, 4000)).std()
+        got = field_offsets((day,), name, frequency)[0].std()
+        assert 0.9 * told < got < 1.1 * np.hypot(told, shifted)
+
+
 def test_fields_drawn_anew_would_make_dates_look_far_too_good():
     """Two covers a decibel apart, nine dates: the mean over dates tells far fewer fields apart where they last."""
     days = tuple(150.0 + 10.0 * t for t in range(9))

@@ -43,7 +43,6 @@ from seqrsm.simulate.visits import (
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open
 _YEAR_DB: Final = 1.0  # assumed
-_KEPT: Final = 2.0 / 3.0  # of what fades, where fields are shifted: the measured split took no shift off (assumed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +118,8 @@ def draw_occasion(
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date, common
     to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), a level (1 dB) and a shift of the year, and fields
-    with a lasting departure, one that fades, and a shift of their own (`seqrsm.scattering.calendar`).
+    with a lasting departure, one that fades, and a shift of their own (`seqrsm.scattering.calendar`). The spread was
+    measured with early and late fields in it, so what their shift makes of it on a day is taken off what fades.
 
     Parameters
     ----------
@@ -187,18 +187,18 @@ def _dated(
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     past = visit.days[: visit.number + 1]
-    shift, lasting = course.shift_days[category], course.lasting_share[category]
     lasts = draw("lasting backscatter", category.size)
     fresh = [draw(Visit(visit.days, t).dated("field backscatter"), category.size) for t in range(len(past))]
     fades = faded(fresh, past, course.memory_days[category])
-    deviate = np.sqrt(lasting) * lasts + np.where(shift > 0.0, _KEPT, 1.0) * np.sqrt(1.0 - lasting) * fades
-    deviation = (lookup.field_sd_db * on_day(course.spread, day))[category] * deviate
-    shifts = field_shift_days(shift, **key)
+    spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
+    lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
+    shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
     for k in np.flatnonzero(course.shift_days > 0.0):
-        mine = category == k
-        at = day - late[k] - shifts[mine]
-        deviation[mine] += on_day(course.change_db[k], at) - moved[k]
-    return offset, deviation
+        mine, at = category == k, day - late[k]
+        early, behind = on_day(course.change_db[k], at + course.shift_days[k] * np.array([1.0, -1.0]))
+        fading[k] = max(fading[k] - 0.25 * (early - behind) ** 2, 0.0)
+        shifted[mine] = on_day(course.change_db[k], at - shifts[mine]) - moved[k]
+    return offset, np.sqrt(lasting)[category] * lasts + np.sqrt(fading)[category] * fades + shifted
 
 
 def nominal_ground_state(radar: RadarConfiguration) -> tuple[float, float]:
