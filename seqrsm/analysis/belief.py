@@ -28,8 +28,8 @@ from seqrsm.rng import generator
 
 STATED = "a prior is given for the quadratic"
 """Why no process is weighed."""
-PRIOR_LOG_ODDS = 1.0
-"""Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
+PRIOR_LOG_ODDS = 0.0
+"""Of the process against the quadratic, before the scores: even odds."""
 
 _CERTAIN = 0.01  # a process less probable is left out
 _DRAWS, _TINY = 4000, 1e-300
