@@ -155,10 +155,6 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     s : float
         Residual standard deviation, score units; nan gives nan and None.
     h : float
-
-    Returns
-    -------
-    Forecast
     """
     if not np.isfinite(s) or not np.isfinite(h):
         return Forecast(float("nan"), float("nan"), float("nan"), None)
@@ -366,10 +362,6 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
         Half-width now.
     unit : str
         Unit of the score.
-
-    Returns
-    -------
-    tuple of str
     """
     found = []
     if rule.half_width < ahead.noise_floor:
@@ -408,10 +400,6 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         Test of fresh runs at the recommended settings.
     unit : str
         Unit of the score, for the sentences.
-
-    Returns
-    -------
-    Decision
     """
     n_runs, n_terms = look.n_runs, look.n_terms
     student = float(rule.width(look.s, look.df_residual, look.h))

@@ -96,10 +96,6 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     beta : ndarray (p,)
         Coded coefficients.
     goal : "maximize" or "minimize"
-
-    Returns
-    -------
-    Optimum
     """
     signed = _signed(beta, goal)[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good

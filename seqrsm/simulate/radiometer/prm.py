@@ -76,10 +76,6 @@ def simulate_radiometer(
     visit : Visit
         Which of a run's images this is.
 
-    Returns
-    -------
-    RadiometerImage
-
     Raises
     ------
     ConfigurationError
@@ -300,10 +296,6 @@ def scan_image(
         Key of its stream.
     notes : tuple of str
         Recorded with the image.
-
-    Returns
-    -------
-    RadiometerImage
     """
     frame, scan = met.frame, met.scan
     antenna_k, offset, state = mapped
