@@ -134,7 +134,10 @@ def evidence_of(
     elif by == "segment":
         segment = _segments(images, base, pixels)
         layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
-    layers = _in_db(layers, is_power, counts)
+    if is_power.all():
+        layers = decibels(layers, counts)
+    else:
+        layers[is_power] = decibels(layers[is_power], counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, holds_cells(counts))
     found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
@@ -409,14 +412,6 @@ def _or_all(teaching: AnyArray, counts: AnyArray) -> AnyArray:
 def holds_cells(counts: AnyArray) -> BoolArray:
     """Units (n,) that hold a cell, from ``counts`` (n, n_classes); any, sum and the like take six times as long."""
     return np.asarray(np.einsum("nk->n", counts) > 0)
-
-
-def _in_db(layers: FloatArray, is_power: AnyArray, counts: AnyArray) -> FloatArray:
-    """The layers with powers in decibels."""
-    if is_power.all():
-        return decibels(layers, counts)
-    layers[is_power] = decibels(layers[is_power], counts)
-    return layers
 
 
 def decibels(power: FloatArray, counts: AnyArray | None = None) -> FloatArray:
