@@ -344,7 +344,9 @@ def _segments(images: Sequence[Image], base: Image, pixels: Pixels) -> IntArray:
     def in_noise(image: Image, *, smooth: bool) -> AnyArray:
         values, noise = _values(image)
         values = _smoothed(values, noise) if smooth else values
-        independent = noise * max(_cell_m(image) / _side_m(base), 1.0) ** 2
+        # Side of the ground over which noise is one value.
+        cell_m = max(_side_m(image), image.radar.resolution_m) if isinstance(image, RadarImage) else _side_m(image)
+        independent = noise * max(cell_m / _side_m(base), 1.0) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((values / np.sqrt(independent)).reshape(len(values), -1))
 
@@ -486,11 +488,6 @@ def finest(images: Sequence[Image]) -> Image:
 def _side_m(image: Image) -> float:
     """Side of a pixel on the ground [m]."""
     return image.radar.pixel_spacing_m if isinstance(image, RadarImage) else image.radiometer.resolution_m
-
-
-def _cell_m(image: Image) -> float:
-    """Side of the ground over which noise is one value [m]."""
-    return max(_side_m(image), image.radar.resolution_m) if isinstance(image, RadarImage) else _side_m(image)
 
 
 def _same_grid(one: Image, other: Image) -> bool:
