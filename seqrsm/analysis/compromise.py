@@ -228,10 +228,6 @@ def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: flo
     goal : "maximize" or "minimize"
     unacceptable, ideal : float
         In the order of the goal; equal ones make every value ideal.
-
-    Returns
-    -------
-    ndarray
     """
     span = ideal - unacceptable
     if (span > 0.0) != (goal == "maximize") or span == 0.0:
@@ -275,10 +271,6 @@ def compromise(
         Of the credible intervals.
     seed : int
         Of the search; equal inputs give equal results.
-
-    Returns
-    -------
-    CompromiseEstimate
     """
     rng = np.random.default_rng(seed)
     cover = np.vstack([region.candidates(limit=_COVER), region.sample(_COVER // 2, rng)])

@@ -272,12 +272,7 @@ class RandomBlocks(Surface):
 
 @dataclass(frozen=True, slots=True)
 class TwoSources(Surface):
-    """Simulations and flights: the flight's surface.
-
-    Attributes
-    ----------
-    both : SourceFit
-    """
+    """Simulations and flights: the flight's surface."""
 
     both: SourceFit
 

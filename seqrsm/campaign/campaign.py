@@ -70,11 +70,6 @@ def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
 class Campaign:
     """A campaign folder, open.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-    store : Store
-
     Attributes
     ----------
     folder : Path

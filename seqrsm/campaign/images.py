@@ -43,14 +43,7 @@ SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
 
 def write_image(
-    campaign: Campaign,
-    assignments: Sequence[str],
-    run_id: int,
-    out: Path,
-    *,
-    mask: str = "",
-    threads: int = 1,
-    number: int = 1,
+    campaign: Campaign, assignments: Sequence[str], run_id: int, out: Path, *, mask: str, threads: int, number: int
 ) -> dict[str, Any]:
     """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz; or one of its masks.
 
@@ -147,13 +140,7 @@ class Simulated:
 
 
 def simulated(
-    campaign: Campaign,
-    assignments: Sequence[str],
-    run_id: int = 0,
-    *,
-    mask: str = "",
-    threads: int = 1,
-    number: int = 1,
+    campaign: Campaign, assignments: Sequence[str], run_id: int, *, mask: str = "", threads: int = 1, number: int = 1
 ) -> Simulated:
     """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec

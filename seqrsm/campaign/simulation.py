@@ -233,11 +233,7 @@ def bundle_tasks(
 
 
 def one_away_tasks(
-    spec: CampaignSpec,
-    settings: Mapping[str, float | str],
-    covers: Sequence[str],
-    occasions: Sequence[int],
-    cells: int = 0,
+    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str], occasions: Sequence[int], cells: int
 ) -> list[SimulationTask]:
     """On each occasion the table's own means, then each cover's mean a standard deviation up, and down."""
     worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]

@@ -98,16 +98,11 @@ def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
                 tables += [] if entry.table in tables else [entry.table]
                 applications += [] if entry.name in applications else [entry.name]
     statements = [
-        Statement(*key, tuple(sorted(tables, key=_place)), tuple(applications))
+        Statement(*key, tuple(sorted(tables, key=lambda table: int(table.removeprefix("A.")))), tuple(applications))
         for key, (tables, applications) in found.items()
     ]
     statements.sort(key=lambda s: (PARAMETERS.index(s.parameter), s.system))
     return tuple(statements)
-
-
-def _place(table: str) -> int:
-    """Place of table "A.n" in the appendix."""
-    return int(table.removeprefix("A."))
 
 
 def to_json(result: object) -> Any:

@@ -266,12 +266,6 @@ def _range(text: str) -> Range | None:
     return found[0] if found else None
 
 
-def _frequencies_of(wavelengths_cm: Iterable[Range]) -> tuple[Range, ...]:
-    return tuple(
-        Range(_CM_GHZ / r.high if r.high else None, _CM_GHZ / r.low if r.low else None) for r in wavelengths_cm
-    )
-
-
 def _within(outer: Range, inner: Range) -> Range:
     """The part of ``outer`` that ``inner`` leaves; an application may narrow the band it is listed under."""
     lows = [r.low for r in (outer, inner) if r.low is not None]
@@ -303,7 +297,8 @@ def _application(row: Row, section: Row) -> Entry:
 
 def _requirement(row: Row, category: str, bands: Mapping[str, Range]) -> Entry:
     named = tuple(bands[letter] for letter in row["bands"].split(";") if letter)
-    wavelengths = _ranges(row["wavelength_cm"])
+    waves = _ranges(row["wavelength_cm"])
+    of_waves = tuple(Range(_CM_GHZ / r.high if r.high else None, _CM_GHZ / r.low if r.low else None) for r in waves)
     return Entry(
         table=row["table"],
         number=int(row["entry"]),
@@ -313,8 +308,8 @@ def _requirement(row: Row, category: str, bands: Mapping[str, Range]) -> Entry:
         group=row["group"],
         reading=row["reading"],
         wavelength=row["wavelength"],
-        wavelength_cm=wavelengths,
-        frequency_ghz=_ranges(row["frequency_ghz"]) + named + _frequencies_of(wavelengths),
+        wavelength_cm=waves,
+        frequency_ghz=_ranges(row["frequency_ghz"]) + named + of_waves,
         n_frequencies=row["n_frequencies"],
         resolution_wanted=row["desired"],
         resolution_accepted=row["accepted"],

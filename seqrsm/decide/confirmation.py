@@ -69,10 +69,6 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
     level : float
         Two-sided probability, in (0, 1).
 
-    Returns
-    -------
-    ConfirmationInterval
-
     Raises
     ------
     FitError
@@ -158,10 +154,6 @@ def confirmation_agrees(
         Degrees of freedom that it was made with.
     unit : str
         Unit of the score, for the sentence.
-
-    Returns
-    -------
-    Agreement
     """
     se = half_width / float(t_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted

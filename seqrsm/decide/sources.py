@@ -311,10 +311,6 @@ def fit_sources(
         Of each first-order coefficient of the discrepancy, score units, half of it for second order; a fifth of the
         standard deviation of the scores by default.
 
-    Returns
-    -------
-    SourceFit
-
     Raises
     ------
     FitError

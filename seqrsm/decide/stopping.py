@@ -155,10 +155,6 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     s : float
         Residual standard deviation, score units; nan gives nan and None.
     h : float
-
-    Returns
-    -------
-    Forecast
     """
     if not np.isfinite(s) or not np.isfinite(h):
         return Forecast(float("nan"), float("nan"), float("nan"), None)
@@ -366,10 +362,6 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
         Half-width now.
     unit : str
         Unit of the score.
-
-    Returns
-    -------
-    tuple of str
     """
     found = []
     if rule.half_width < ahead.noise_floor:
@@ -408,10 +400,6 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         Test of fresh runs at the recommended settings.
     unit : str
         Unit of the score, for the sentences.
-
-    Returns
-    -------
-    Decision
     """
     n_runs, n_terms = look.n_runs, look.n_terms
     student = float(rule.width(look.s, look.df_residual, look.h))
@@ -433,7 +421,9 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(_lack_of_fit_check(rule, look))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
-        checks.append(_confirmation_check(confirmation))
+        text = "Confirmation runs at the recommended settings are still to be made."
+        agrees, text = (confirmation.agrees, confirmation.text) if confirmation else (None, text)
+        checks.append(Check("confirmation", agrees, text))
     held = all(check.holds is True for check in checks)
     ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=look.s * scale, h=look.h)
     useless = futility(rule, look, ahead, width, unit)
@@ -486,9 +476,3 @@ def _lack_of_fit_check(rule: StopRule, look: Look) -> Check:
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
-
-
-def _confirmation_check(confirmation: Agreement | None) -> Check:
-    if confirmation is None:
-        return Check("confirmation", None, "Confirmation runs at the recommended settings are still to be made.")
-    return Check("confirmation", confirmation.agrees, confirmation.text)

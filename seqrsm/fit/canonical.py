@@ -104,10 +104,6 @@ def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -
     ----------
     constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
         ``c + x'b + x'Bx``, B symmetric.
-
-    Returns
-    -------
-    CanonicalForm
     """
     values, vectors = np.linalg.eigh(quadratic)
     values, vectors = values[::-1].copy(), vectors[:, ::-1].copy()
@@ -156,10 +152,6 @@ def stationary_point(
         Level index of each categorical factor, in factor order.
     variance : callable, optional
         Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
-
-    Returns
-    -------
-    StationaryPoint
     """
     constant, linear, quadratic = model.forms(beta, levels)
     form = canonical_form(float(constant), linear, quadratic)

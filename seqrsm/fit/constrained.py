@@ -13,7 +13,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.region import Region
 from seqrsm.fit.faces import quadratic_values
 
-_ROOT_STEPS = 9
+_ROOT_STEPS, _MOST_ROUNDS = 9, 5
 _FIRST_STEP, _LAST_STEP = 0.3, 1e-4
 _DIFFERENCE, _NEARLY_ACTIVE = 1e-6, 1e-3
 
@@ -157,7 +157,7 @@ def _tangent(region: Region, points: FloatArray, free: list[int], gradient: Floa
 
 
 def line_ascent(
-    region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray, rounds: int = 20
+    region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, float]:
     """Exact maximisation along one continuous coordinate after the other, over its feasible intervals.
 
@@ -168,8 +168,6 @@ def line_ascent(
         Quadratic in the c continuous factors.
     start : ndarray (k,)
         Feasible.
-    rounds : int
-        At most; it ends when a round gains nothing.
 
     Returns
     -------
@@ -181,7 +179,7 @@ def line_ascent(
     point = start.copy()
     x = point[free]
     value = float(constant + x @ linear + x @ quadratic @ x)
-    for _ in range(rounds):
+    for _ in range(_MOST_ROUNDS):  # it ends when a round gains nothing
         before = value
         for column, j in enumerate(free):
             slope = linear[column] + 2.0 * (quadratic[column] @ x - quadratic[column, column] * x[column])

@@ -96,10 +96,6 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     beta : ndarray (p,)
         Coded coefficients.
     goal : "maximize" or "minimize"
-
-    Returns
-    -------
-    Optimum
     """
     signed = _signed(beta, goal)[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good
@@ -248,7 +244,7 @@ def _search_slice(region: Region, piece: Slice, starts: FloatArray, anchor: Floa
         if value > best_value:
             best_point, best_value = point, value
     # The last word has the exact line search: it also crosses gaps between feasible intervals.
-    return line_ascent(region, float(constant), linear, quadratic, best_point, rounds=5)
+    return line_ascent(region, float(constant), linear, quadratic, best_point)
 
 
 def optimum_draws(

@@ -115,13 +115,7 @@ class Target:
 
 
 def build_target(
-    Z: FloatArray,
-    y: FloatArray,
-    w: FloatArray,
-    errors: str,
-    prior: Prior,
-    nu: float,
-    bounds: LinearBounds | None = None,
+    Z: FloatArray, y: FloatArray, w: FloatArray, errors: str, prior: Prior, nu: float, bounds: LinearBounds | None
 ) -> Target:
     """Assemble the target; arguments as in ``sample_posterior``."""
     student = errors == "student_t"

@@ -42,8 +42,8 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Fl
         runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
         message = f"run {runs} (counted from 1) has a score outside 0 to 100 percent"
         raise FitError(message, 'use response = "identity" or correct the scores')
-    m = _or_nan(counts, percent)
-    counted = np.isfinite(m)
+    m = np.full(percent.shape, np.nan) if counts is None else np.asarray(counts, dtype=np.float64)
+    counted = np.isfinite(m) & (m > 0.0)
     correct = percent / 100.0 * np.where(counted, m, NOMINAL_COUNT)
     wrong = np.where(counted, m, NOMINAL_COUNT) - correct
     p = clip_percent(percent) / 100.0
@@ -71,11 +71,3 @@ def clip_percent(percent: FloatArray) -> FloatArray:
 def logit_to_percent(logit: FloatArray) -> FloatArray:
     """Back-transform [%]: of an estimate it is the median response, of an interval's end the end."""
     return np.asarray(100.0 * expit(logit), dtype=np.float64)
-
-
-def _or_nan(values: FloatArray | None, like: FloatArray) -> FloatArray:
-    """Positive values kept, everything else nan."""
-    if values is None:
-        return np.full(like.shape, np.nan)
-    values = np.asarray(values, dtype=np.float64)
-    return np.where(values > 0.0, values, np.nan)

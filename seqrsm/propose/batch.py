@@ -57,10 +57,6 @@ def propose_batch(
     ties : int
         How many runs, the first ones, repeat executed settings to tell the effect of a new block from the surface: the
         last column of the evidence and of the source's rows is then that of the new block, 1 in its runs.
-
-    Returns
-    -------
-    tuple of Proposal
     """
     if n <= 0:
         return ()

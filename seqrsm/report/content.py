@@ -80,10 +80,11 @@ def build_report(dossier: Dossier) -> Report:
     shown = list(_once(shown, set()))
     if alone:  # The summary of one application fills a page.
         shown[1] = replace(shown[1], new_page=True)
+    scored, last = sum(run.state == "scored" for run in dossier.runs), max(run.run_id for run in dossier.runs)
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
-        state=_state_text(dossier),
+        state=f"{scored} scored runs, up to run {last}; specification {spec.spec_hash[:12]}",
         version=seqrsm.__version__,
         sections=tuple(_numbered(shown, itertools.count(1), itertools.count(1))),
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
@@ -109,13 +110,6 @@ def _once(sections: Iterable[Section], told: set[str]) -> Iterator[Section]:
                 told.add(how)
             blocks.append(block)
         yield replace(section, blocks=tuple(blocks), sections=tuple(_once(section.sections, told)))
-
-
-def _state_text(dossier: Dossier) -> str:
-    """Which state of which campaign the report shows."""
-    scored = sum(run.state == "scored" for run in dossier.runs)
-    last = max(run.run_id for run in dossier.runs)
-    return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"
 
 
 def _numbered(sections: Iterable[Section], figures: Iterator[int], tables: Iterator[int]) -> Iterator[Section]:

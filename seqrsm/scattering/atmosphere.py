@@ -129,10 +129,6 @@ def make_atmosphere(
         Rain rate, >= 0 [mm/h].
     planck_offset_k : float
         h f / k [K] to count radiation by Planck's law, 0 for Rayleigh-Jeans.
-
-    Returns
-    -------
-    Atmosphere
     """
     space = float(radiation_equivalent_k(COSMIC_BACKGROUND_K, planck_offset_k))
     if atmosphere == "none":

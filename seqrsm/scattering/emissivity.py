@@ -274,12 +274,11 @@ class EmissivityTable:
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
         model = self.models[name]
         moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
-        at_table = (f, polarization) == (TABLE_FREQUENCY_GHZ, "H")
         reference = _reference(model)
         own = model.reflectivity(f, polarization, moistures, canopy)
         ratio = own[:, _HELD] / reference[_HELD]
         value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
-        if at_table and model.ground != "soil" and canopy == 1.0:
+        if (f, polarization) == (TABLE_FREQUENCY_GHZ, "H") and model.ground != "soil" and canopy == 1.0:
             return table[None], (curve.note,)
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]
         if model.ground == "soil" and f > _SOIL_MODEL_HIGH_GHZ:

@@ -190,7 +190,8 @@ class Sigma0Table:
         if problems:
             raise ScatteringDataError(*dict.fromkeys(problems))
         through = None if day is None else self._course(found, float(frequency_ghz), channel, state)
-        spread = {category: self._variability(category, channel) for category in found}
+        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
+        spread = {category: self.variability.get((category, channel), assumed) for category in found}
         factor = {category: self.world.field_factor(category) if self.world else 1.0 for category in found}
         notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
         notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
@@ -242,10 +243,6 @@ class Sigma0Table:
         seasons = ", ".join(s for c, s in self.curves if c == category)
         message = f"the table has no backscatter of {category} in this season"
         raise ScatteringDataError(message, f"It has: {seasons}", file=self.file or None, field="season", value=season)
-
-    def _variability(self, category: str, channel: str) -> Variability:
-        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
-        return self.variability.get((category, channel), assumed)
 
 
 class _State(NamedTuple):

@@ -99,13 +99,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class OneAway:
-    """The tables' own means but for one cover, which is off by so many standard deviations in every channel.
-
-    Attributes
-    ----------
-    category : str
-    deviations : float
-    """
+    """The tables' own means but for one cover, which is off by so many standard deviations in every channel."""
 
     category: str
     deviations: float

@@ -157,11 +157,6 @@ def coarse_scene(scene: Scene, factor: int) -> Scene:
     The category of one cell, not of the majority: over many cells the shares of categories stay what they are. Cells
     left over at the far edges are dropped.
 
-    Parameters
-    ----------
-    scene : Scene
-    factor : int
-
     Returns
     -------
     Scene

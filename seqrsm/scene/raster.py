@@ -65,10 +65,6 @@ def import_scene(
     name : str
         Kept in the scene.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     SceneError

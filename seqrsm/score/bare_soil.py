@@ -19,7 +19,7 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import default_tile_m, fields_of, finest, layers_of, pixels_of
+from seqrsm.score.evidence import fields_of, finest, layers_of, pixels_of, tile_m
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import moisture_spread
@@ -58,7 +58,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     """
     base = finest(images)
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
-    unit, counts, _ = fields_of(pixels, scene, default_tile_m(base, scene))
+    unit, counts, _ = fields_of(pixels, scene, tile_m(base, scene))
     tables = [_tables(image, scene) for image in images]
     steps = [[look for one in at for look in one] for at in zip(*tables, strict=True)]  # the channels of all images
     first, last = (np.array([look.sigma0[:, 40] for look in steps[k]]) for k in (0, -1))

@@ -121,11 +121,6 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     In two steps: the date's mean from all footprints; then each square's departure from it, by the departure of its
     footprints' brightness from what their covers show elsewhere in the image.
 
-    Parameters
-    ----------
-    image : RadiometerImage
-    scene : Scene
-
     Returns
     -------
     float64 array (n,)

@@ -61,14 +61,6 @@ def score_cover(
     return score_evidence(evidence, scene.categories, asked)
 
 
-def percent_correct(
-    images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, tile_m: float | None = None
-) -> UtilityScore:
-    """Percent of scored cells named rightly; ``tile_m``: side of a tile of ground [m], else see `score_cover`."""
-    evidence = evidence_of(images, scene, by=by, seed=seed, run_id=run_id, tile_m=tile_m)
-    return score_evidence(evidence, scene.categories, Asked("percent_correct", by=by))
-
-
 def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) -> UtilityScore:
     """`score_cover` of what is known of each unit of ground.
 

@@ -84,8 +84,6 @@ class Evidence:
         So many of the last features are no evidence of a class: squares of look angles.
     teaching : array (n, n_classes)
         Cells with which a unit teaches each class.
-    unit_of_cell : int32 array (rows, columns) or None
-        Field that each cell of the scene belongs to, -1 for none; None where units are pixels.
     label : int64 array (n,) or None
         Label of each unit in a map that is there already; None without one.
     log_share : float64 array (n_labels, n_classes)
@@ -98,20 +96,12 @@ class Evidence:
     keys: FloatArray
     covariates: int
     teaching: AnyArray
-    unit_of_cell: AnyArray | None = None
     label: IntArray | None = None
     log_share: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
 
 
 def evidence_of(
-    images: Sequence[Image],
-    scene: Scene,
-    *,
-    by: str = "pixel",
-    seed: int,
-    run_id: int,
-    tile_m: float | None = None,
-    known: KnownMap | None = None,
+    images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, known: KnownMap | None = None
 ) -> Evidence:
     """What images of one ground show of it together.
 
@@ -127,13 +117,11 @@ def evidence_of(
         over its cells where none does.
     seed, run_id : int
         Key of the split of tiles into halves.
-    tile_m : float, optional
-        Side of a tile [m].
     known : KnownMap, optional
         A map of the ground that is there already.
     """
     base = finest(images)
-    pixels = pixels_of(base, scene, seed=seed, run_id=run_id, tile_m=tile_m)
+    pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
     each = _on_pixels(images, base, pixels, lambda image: layers_of(image, smooth=by == "neighbourhood"))
     radar = [isinstance(image, RadarImage) for image in images]
     angles = [layers[-1:] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
@@ -142,14 +130,17 @@ def evidence_of(
     layers = np.vstack([*powers, *angles], dtype=np.float64)
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
     if by == "field":
-        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
+        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m(base, scene))
     elif by == "segment":
         segment = _segments(images, base, pixels)
         layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
-    layers = _in_db(layers, is_power, counts)
+    if is_power.all():
+        layers = decibels(layers, counts)
+    else:
+        layers[is_power] = decibels(layers[is_power], counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, holds_cells(counts))
-    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, unit)
+    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
     if known is None:
         return found
     label = labels_of_units(known, scene, pixels.pixel if unit is None else unit, len(counts), seed)
@@ -203,13 +194,13 @@ def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
     return np.where(seen, mean + gain * (value - mean), np.nan)
 
 
-def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: float | None = None) -> Pixels:
+def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
     """Pixels of an image, the ground in them, and the tiles that they belong to.
 
     A pixel belongs to the tile of its centre, or inside a field to the tile of the field's first pixel: no field is
     taught in one half and tested in the other. A field larger than a tile is divided by the tiles.
     """
-    side = tile_m or default_tile_m(image, scene)
+    side = tile_m(image, scene)
     kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
     if (scene, side) not in kept:
         kept.clear()
@@ -271,16 +262,16 @@ def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> Non
     tile[inside] = first[own]
 
 
-def default_tile_m(image: Image, scene: Scene) -> float:
-    """Side of a tile where it is not given [m]."""
+def tile_m(image: Image, scene: Scene) -> float:
+    """Side of a tile [m]."""
     return TILE_M if isinstance(image, RadarImage) else min(scene.shape) * scene.cell_m / TILES_ACROSS
 
 
 @lru_cache(maxsize=6)
-def _is_small(scene: Scene, tile_m: float) -> AnyArray:
+def _is_small(scene: Scene, side_m: float) -> AnyArray:
     """Fields (n_fields,) that are no larger than a tile."""
     cells = np.bincount(scene.field_id.ravel(), minlength=scene.n_fields)
-    return np.asarray(cells * scene.cell_m**2 <= tile_m**2)
+    return np.asarray(cells * scene.cell_m**2 <= side_m**2)
 
 
 def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyArray, AnyArray]:
@@ -293,13 +284,13 @@ def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyAr
 
 
 def _of_fields(
-    layers: FloatArray, pixels: Pixels, scene: Scene, tile_m: float
+    layers: FloatArray, pixels: Pixels, scene: Scene, side_m: float
 ) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
     """Layers, scored cells by class, tile and teaching of each field, and the field of each cell.
 
     A field teaches where pixels lie inside it; of a class with few such fields all do.
     """
-    unit, counts, tile = fields_of(pixels, scene, tile_m)
+    unit, counts, tile = fields_of(pixels, scene, side_m)
     inner = np.where(pixels.field >= 0, layers, np.nan)
     found = kernels_classify.mean_of_pixels(unit, pixels.pixel, inner, len(counts))
     whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(counts))
@@ -308,7 +299,7 @@ def _of_fields(
     return np.where(np.isnan(found), whole, found), counts, tile, _or_all(teaching, counts), unit
 
 
-def fields_of(pixels: Pixels, scene: Scene, tile_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
+def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
     """Field (rows, columns) of each scored cell that is seen, -1 for none; cells by class (n, n_classes), tile (n,).
 
     One larger than a tile is a field in each.
@@ -316,7 +307,7 @@ def fields_of(pixels: Pixels, scene: Scene, tile_m: float) -> tuple[AnyArray, An
     cells = np.flatnonzero((pixels.pixel >= 0) & scene.scored & (scene.cover < len(scene.categories)))
     unit = np.full(scene.shape, -1, dtype=np.int32)
     of_cell, at = scene.field_id.ravel()[cells], pixels.tile[pixels.pixel.ravel()[cells]]
-    small = _is_small(scene, tile_m)[of_cell]
+    small = _is_small(scene, side_m)[of_cell]
     code = of_cell.astype(np.int64) + np.where(small, 0, (1 + at) * scene.n_fields)
     codes, first, own = np.unique(code, return_index=True, return_inverse=True)
     unit.ravel()[cells] = own
@@ -353,7 +344,9 @@ def _segments(images: Sequence[Image], base: Image, pixels: Pixels) -> IntArray:
     def in_noise(image: Image, *, smooth: bool) -> AnyArray:
         values, noise = _values(image)
         values = _smoothed(values, noise) if smooth else values
-        independent = noise * max(_cell_m(image) / _side_m(base), 1.0) ** 2
+        # Side of the ground over which noise is one value.
+        cell_m = max(_side_m(image), image.radar.resolution_m) if isinstance(image, RadarImage) else _side_m(image)
+        independent = noise * max(cell_m / _side_m(base), 1.0) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((values / np.sqrt(independent)).reshape(len(values), -1))
 
@@ -423,14 +416,6 @@ def holds_cells(counts: AnyArray) -> BoolArray:
     return np.asarray(np.einsum("nk->n", counts) > 0)
 
 
-def _in_db(layers: FloatArray, is_power: AnyArray, counts: AnyArray) -> FloatArray:
-    """The layers with powers in decibels."""
-    if is_power.all():
-        return decibels(layers, counts)
-    layers[is_power] = decibels(layers[is_power], counts)
-    return layers
-
-
 def decibels(power: FloatArray, counts: AnyArray | None = None) -> FloatArray:
     """Decibels of linear power (n_channels, n_pixels), in place; zeros, of a noiseless radar only, are the darkest.
 
@@ -455,7 +440,7 @@ def _fill_unseen(layers: FloatArray, used: AnyArray) -> None:
 
 
 def tiles(
-    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float
+    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], side_m: float
 ) -> tuple[IntArray, int]:
     """Square tile of ground that each pixel belongs to, and how many there are.
 
@@ -465,17 +450,17 @@ def tiles(
         Centres of the pixels [m].
     extent_m : tuple of float
         Largest value of either in the whole image [m].
-    tile_m : float
-        Side of a tile [m].
+    side_m : float
+        Of a tile [m].
 
     Returns
     -------
     tile : int64 array (rows * columns,)
     n_tiles : int
     """
-    wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
-    away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
-    ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
+    wide, long = (max(math.floor(size / side_m), 0) + 1 for size in extent_m)
+    away = np.clip(np.floor(across_m / side_m).astype(np.int64), 0, wide - 1)
+    ahead = np.clip(np.floor(along_m / side_m).astype(np.int64), 0, long - 1)
     return np.ravel(away * long + ahead), wide * long
 
 
@@ -503,11 +488,6 @@ def finest(images: Sequence[Image]) -> Image:
 def _side_m(image: Image) -> float:
     """Side of a pixel on the ground [m]."""
     return image.radar.pixel_spacing_m if isinstance(image, RadarImage) else image.radiometer.resolution_m
-
-
-def _cell_m(image: Image) -> float:
-    """Side of the ground over which noise is one value [m]."""
-    return max(_side_m(image), image.radar.resolution_m) if isinstance(image, RadarImage) else _side_m(image)
 
 
 def _same_grid(one: Image, other: Image) -> bool:

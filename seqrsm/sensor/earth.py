@@ -66,10 +66,6 @@ def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) ->
         Antenna over the datum [m], > 0.
     curved : bool
         A sphere of the Earth's mean radius, or a plane.
-
-    Returns
-    -------
-    RangeGeometry
     """
     arc = np.asarray(ground_range_m, dtype=np.float64)
     if not curved:

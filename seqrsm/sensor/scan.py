@@ -102,10 +102,6 @@ def scan_geometry(
     across_m, along_m : float
         Extent of the scene across and along the track [m].
 
-    Returns
-    -------
-    ScanGeometry
-
     Raises
     ------
     ConfigurationError
@@ -279,10 +275,6 @@ def _notes(
 
 def beam_integral(radiometer: RadiometerConfiguration) -> FloatArray:
     """Running integral of the antenna pattern along one axis, from 0 to 1.
-
-    Parameters
-    ----------
-    radiometer : RadiometerConfiguration
 
     Returns
     -------

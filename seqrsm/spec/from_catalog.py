@@ -98,10 +98,6 @@ def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | N
     scene : Path, optional
         Data base of the new campaign; default is that of a template.
 
-    Returns
-    -------
-    list of Wanted
-
     Raises
     ------
     UserError

@@ -124,7 +124,8 @@ class Database:
         with _interrupted_later(), self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
-                self._check_version(_locked(connection))
+                # As the last writer left it; no other writes before this transaction's end.
+                self._check_version(str(connection.execute(sa.select(_VERSION).with_for_update()).scalar()))
                 yield connection
             self._see_file()
 
@@ -159,7 +160,8 @@ class Database:
             return
         assert self.path is not None
         if not self._rescued and self.path.parent.is_dir():
-            place = self.path.with_name(f"{self.path.name}.{_stamp()}.rescued")
+            stamp = utc_now().replace(":", "").replace("-", "")
+            place = self.path.with_name(f"{self.path.name}.{stamp}.rescued")
             with suppress(exc.DBAPIError, sqlite3.Error), self._engine.connect() as connection:
                 _copy_into(connection, place)
                 self._rescued = f"What it held is in {place}."
@@ -345,10 +347,6 @@ def _may_write(path: Path) -> bool:
     return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
-def _stamp() -> str:
-    return utc_now().replace(":", "").replace("-", "")
-
-
 def _copy_into(connection: sa.Connection, place: Path) -> None:
     """Copy an SQLite database into a new file."""
     raw = connection.connection.driver_connection
@@ -462,8 +460,3 @@ def _schema_version(connection: sa.Connection) -> str | None:
             raise StoreError("the database has tables but no schema version", _RESTORE)
         return None
     return str(connection.execute(sa.select(_VERSION)).scalar())
-
-
-def _locked(connection: sa.Connection) -> str:
-    """Schema version, as the last writer left it; no other writes before this transaction's end."""
-    return str(connection.execute(sa.select(_VERSION).with_for_update()).scalar())

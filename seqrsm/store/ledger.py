@@ -92,12 +92,7 @@ class Ledger:
             self.connection.execute(sa.insert(EVENTS), rows)
 
     def add_runs(
-        self,
-        runs: Sequence[NewRun],
-        *,
-        batch: int,
-        issue: bool = False,
-        values: Sequence[Mapping[str, Any]] | None = None,
+        self, runs: Sequence[NewRun], *, batch: int, issue: bool = False, values: Sequence[Mapping[str, Any]] = ()
     ) -> tuple[int, ...]:
         """Insert runs with consecutive ids; ``values``: other columns to set, for each run."""
         state, now, first = ("issued" if issue else "proposed"), utc_now(), self.next_id()
@@ -109,7 +104,7 @@ class Ledger:
                 "state": state,
                 "proposed_at": now,
                 "issued_at": now if issue else None,
-                **({} if values is None else values[i]),
+                **(values[i] if values else {}),
             }
             for i, run in enumerate(runs)
         ]

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, radiometer, scene
+from shorthands import still_radiometer
 from synthetic import fractal_terrain
 
 from seqrsm.scattering.atmosphere import make_atmosphere
@@ -147,9 +148,7 @@ def main() -> None:
         quiet_air = Meeting(f, None, [look], still, no_air, 0.0, table, None)
         antenna = radiation_map(quiet_air, r, np.full_like(ground, 300.0))[0][0]
         slow_scan = best_of(3, lambda f=f, a=antenna, i=made[-1]: naive_image(f, a, i))
-        quiet = simulate_radiometer(
-            s, r, load_emissivity_table(), seed=1, run_id=1, precision=precision, random_occasion=False
-        )
+        quiet = still_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1, precision=precision)
         difference = np.abs(naive_image(f, antenna, quiet)[0] - quiet.mean_k[0])
         scans_apart = float(np.nanquantile(difference, 0.9))
         t, both = kernel["plain"], slow + slow_scan

@@ -27,7 +27,7 @@ from unittest import mock
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "physics")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "physics")]
 
 from psm_cases import Table, radar, scene  # noqa: E402
 

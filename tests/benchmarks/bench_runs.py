@@ -24,16 +24,18 @@ ROUNDS = int(os.environ.get("ROUNDS", "2"))
 
 CODE = """
 import json, sys, time
-sys.path[:0] = [{root!r} + "/tests/benchmarks", {root!r} + "/tests/physics"]
+sys.path[:0] = [{root!r} + "/tests" + own for own in ("/benchmarks", "/physics", "")]
 import numpy as np
 from psm_cases import Table, radar, scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.score.cover import percent_correct
+from seqrsm.score.cover import score_cover
+from seqrsm.score.utilities import Asked
 from seqrsm.sensor import radar as radars, radiometer as radiometers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
+PERCENT = Asked("percent_correct")
 
 def best(n, call):
     call()
@@ -62,10 +64,10 @@ for name, n, rough, count in (("flat 250", 250, 0.0, 60), ("flat 2000", 2000, 0.
     s, r = drawn(n, rough), sensor(n)
     image = lambda: simulate_radar(s, r, table, **key)
     made = image()
-    percent_correct([made], s, **key)
+    score_cover([made], s, PERCENT, **key)
     share = 1e9 / n / n
     out[name + ", image [ns a cell]"] = share * best(count, image)
-    out[name + ", whole run [ns a cell]"] = share * best(count, lambda: percent_correct([image()], s, **key))
+    out[name + ", whole run [ns a cell]"] = share * best(count, lambda: score_cover([image()], s, PERCENT, **key))
     def registered():
         new = image()
         new.pixel_of_cell
@@ -78,13 +80,14 @@ for resolution in (6.0, 14.0):
     r = radars.from_settings(settings, fixed)
     name = f"Langegracht, {{resolution:g}} m, three channels"
     out[name + ", image [ms]"] = 1e3 * best(10, lambda: simulate_radar(s, r, t, **key))
-    out[name + ", whole run [ms]"] = 1e3 * best(10, lambda: percent_correct([simulate_radar(s, r, t, **key)], s, **key))
+    out[name + ", whole run [ms]"] = 1e3 * best(
+    10, lambda: score_cover([simulate_radar(s, r, t, **key)], s, PERCENT, **key))
 s, t = load_scene(__import__("pathlib").Path(campaigns + "wake-radiometer/scene.npz")), load_emissivity_table()
 fixed = dict(bandwidth=100.0, noise_temperature=500.0, scan_period=2.5, altitude_m=6000.0, speed_m_s=80.0)
 r = radiometers.from_settings(dict(frequency=20.0, polarization="H+V", resolution=80.0, integration_time=8.0), fixed)
 out["Wake County, image [ms]"] = 1e3 * best(10, lambda: simulate_radiometer(s, r, t, **key))
 out["Wake County, whole run [ms]"] = 1e3 * best(
-    10, lambda: percent_correct([simulate_radiometer(s, r, t, **key)], s, **key))
+    10, lambda: score_cover([simulate_radiometer(s, r, t, **key)], s, PERCENT, **key))
 print(json.dumps(out))
 """
 

@@ -14,7 +14,8 @@ from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import percent_correct
+from seqrsm.score.cover import score_cover
+from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radar.psm import simulate_radar
 
 SCENE = Path(__file__).parents[2] / "campaigns" / "langegracht-radar" / "scene.npz"
@@ -32,7 +33,7 @@ def seconds(scene: Scene, run: int, frequency: str, days: str, resolution: float
         for one in acquisitions_of("psm", settings, FIXED, {})
     ]
     made = time.process_time()
-    percent_correct(images, scene, seed=1, run_id=run)
+    score_cover(images, scene, Asked("percent_correct"), seed=1, run_id=run)
     return made - start, time.process_time() - made
 
 

@@ -154,7 +154,7 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
-    away = one_away_tasks(spec, settings, ["Wheat"], range(2))
+    away = one_away_tasks(spec, settings, ["Wheat"], range(2), 0)
     plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[:3])
     assert down < plain < up
     assert [task.run_id for task in away[:3]] == [away[0].run_id] * 3

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
+from shorthands import percent_correct, still_radiometer
 
 from seqrsm.scattering.atmosphere import Atmosphere
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
@@ -87,7 +87,7 @@ def image(s: Scene, r: RadiometerConfiguration, table: Table, precision="float64
     if temperature_k is not None:
         s = replace(s, temperature_k=np.asarray(temperature_k, dtype=np.float32))
         r = replace(r, temperature="layer")
-    return simulate_radiometer(s, r, table, seed=1, run_id=1, precision=precision, random_occasion=False)
+    return still_radiometer(s, r, table, seed=1, run_id=1, precision=precision)
 
 
 def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, ground_k, planck=0.0, dtype="float64"):

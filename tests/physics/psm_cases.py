@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from shorthands import percent_correct
 
 from seqrsm.jit import kernel
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, paired_table

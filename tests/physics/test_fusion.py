@@ -8,13 +8,14 @@ import numpy as np
 import prm_cases
 import pytest
 from scipy.stats import multivariate_normal
+from shorthands import percent_correct
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import halves
-from seqrsm.score.cover import percent_correct, score_evidence
+from seqrsm.score.cover import score_evidence
 from seqrsm.score.evidence import Evidence, decibels, pixels_of
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.score.utilities import Asked

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from psm_cases import radar
+from shorthands import still_radiometer
 
 from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
@@ -16,7 +17,6 @@ from seqrsm.scene.layers import coarse_scene, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
-from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 LEVELS = (0.06, 0.12, 0.20, 0.28)
 
@@ -69,9 +69,7 @@ def test_the_radiometer_sees_wet_fields_cold():
         "frequency": 1.4, "polarization": "H", "resolution": 30.0, "bandwidth": 300.0, "noise_temperature": 300.0,
         "integration_time": 5.0, "scan_period": 2.0, "altitude_m": 500.0,
     }  # fmt: skip
-    image = simulate_radiometer(
-        site(), from_settings(settings), load_emissivity_table(), seed=1, run_id=1, random_occasion=False
-    )
+    image = still_radiometer(site(), from_settings(settings), load_emissivity_table(), seed=1, run_id=1)
     np.testing.assert_allclose(image.occasion.field_moisture[:4], LEVELS, atol=1e-6)
     seen = image.mean_k[0].ravel()[image.pixel_of_cell]
     level = [np.nanmean(seen[12:18, 30 * k + 12 : 30 * k + 18]) for k in range(4)]

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from psm_cases import Table, radar, scene
+from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.frame import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.result import rectangular, rectangular_pixels

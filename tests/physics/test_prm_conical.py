@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from prm_cases import Table, image, radiometer, scene
+from shorthands import percent_correct, tiles_of
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.score.cover import percent_correct
 from seqrsm.score.evidence import pixels_of
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import named_sensors, radiometer_of
@@ -203,7 +203,8 @@ def test_turns_lie_in_tiles_of_their_own_on_the_ground() -> None:
     """Footprints 200 m apart in the direction of flight are not taught and tested together in tiles of 200 m."""
     r = radiometer(conical_incidence_deg=40.0, resolution_m=100.0, scan_period_s=2.0, integration_time_ms=0.1)
     known = scene(np.zeros((60, 140)), 10.0)
-    pixels = pixels_of(image(known, r, Table((0.8,))), known, seed=1, run_id=1, tile_m=200.0)
+    with tiles_of(200.0):
+        pixels = pixels_of(image(known, r, Table((0.8,))), known, seed=1, run_id=1)
     assert len(np.unique(pixels.tile)) >= 7  # 1400 m of flight
 
 

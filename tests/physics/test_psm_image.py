@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from psm_cases import Table, lut_of, mapped, radar, scene, small_score
+from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scene.layers import fill_gaps
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.pictures import picture_of
 from seqrsm.simulate.radar import kernels

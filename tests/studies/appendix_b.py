@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 mpl.use("Agg")
 from appendix_b_radiometer import write_radiometer  # noqa: E402
 from matplotlib import pyplot as plt  # noqa: E402

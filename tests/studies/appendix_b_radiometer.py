@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
+from shorthands import still_radiometer
 
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels
-from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 ALTITUDE_M = 3000.0
@@ -55,7 +55,7 @@ def simulated(scene: Scene, beamwidth_rad: float, temperature: str) -> Radiomete
         temperature_date_sd_k=0.0,
         temperature_field_sd_k=0.0,
     )
-    return simulate_radiometer(scene, radiometer, load_emissivity_table(), seed=1979, run_id=0, random_occasion=False)
+    return still_radiometer(scene, radiometer, load_emissivity_table(), seed=1979, run_id=0)
 
 
 def on_cells(image: RadiometerImage) -> np.ndarray:

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from shorthands import percent_correct
 from synthetic import synthetic_scene
 from validate_flevoland import CELL_M, EFFECTIVE, TEXTURE_DB, TEXTURE_M, scene, table
 
@@ -26,7 +27,6 @@ from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.arrays import FloatArray
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import radar_of, sensors_called
 from seqrsm.sensor.radar import RadarConfiguration

@@ -16,7 +16,8 @@ import numpy as np
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.cover import percent_correct
+from seqrsm.score.cover import score_cover
+from seqrsm.score.utilities import Asked
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.psm import simulate_radar
 
@@ -42,7 +43,7 @@ def scored(name: str, resolution: float, angle: float, tall: float, worlds: int)
     found = []
     for world in range(worlds):
         image = simulate_radar(scene, radar, TABLE.in_world(World(1979, world)), seed=1979, run_id=world)
-        found.append(percent_correct([image], scene, seed=1979, run_id=world).value)
+        found.append(score_cover([image], scene, Asked("percent_correct"), seed=1979, run_id=world).value)
     return 100.0 * float(image.shadow[scene.scored].mean()), np.array(found)
 
 

@@ -31,7 +31,8 @@ from seqrsm.scattering.readers import POLARIZATIONS, shipped_rows
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON, Sigma0Table, load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.cover import percent_correct
+from seqrsm.score.cover import score_cover
+from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radar.psm import simulate_radar
 
 ROOT = Path(__file__).parents[2]
@@ -209,7 +210,10 @@ def scores(job: tuple[int, str]) -> dict[str, tuple[float, float]]:
             simulate_radar(scene, one.sensor, table, seed=1983, run_id=world, visit=one.visit)
             for one in acquisitions_of("psm", settings, FIXED, {})
         ]
-        each = [percent_correct(images, scene, by=by, seed=1983, run_id=world) for by in ("pixel", "field")]
+        each = [
+            score_cover(images, scene, Asked("percent_correct", by=by), seed=1983, run_id=world)
+            for by in ("pixel", "field")
+        ]
         found[name] = each[0].value, each[1].value
     return found
 

@@ -14,16 +14,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 import prm_cases
 import psm_cases
+from shorthands import percent_correct, still_radiometer
 from synthetic import synthetic_scene
 
 from seqrsm.errors import UserError
 from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.fading import gamma_tables, normal_table
 from seqrsm.simulate.radar.kernels_speckle import add_speckle, work_lines
 from seqrsm.simulate.radar.psm import simulate_radar
-from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 CATEGORIES = ("class 0", "class 1", "class 2")
 SIDE = 200
@@ -182,8 +181,7 @@ def radiometer_row(study: str, x: float, scene: Scene, table: object, **changes:
     try:
         given = prm_cases.radiometer(atmosphere="us_standard", **changes)
         one, two = (
-            simulate_radiometer(scene, given, table, seed=1, run_id=1, precision=p, random_occasion=False)  # type: ignore[arg-type]
-            for p in ("float32", "float64")
+            still_radiometer(scene, given, table, seed=1, run_id=1, precision=p) for p in ("float32", "float64")
         )
     except UserError as error:
         row.does = f"refuses: {error.problems[0]}"

@@ -21,7 +21,7 @@ from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
-from seqrsm.score.cover import percent_correct
+from seqrsm.score.cover import score_cover
 from seqrsm.score.moisture import score_moisture
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor import radar, radiometer
@@ -89,7 +89,9 @@ def windows(worlds: int) -> list[str]:
                 table = load_sigma0_table().in_world(World(19, run))
                 image = simulate_radar(scene, one, table, seed=19, run_id=run)
                 for unit in UNITS:
-                    found[unit].append(percent_correct([image], scene, by=unit, seed=19, run_id=run).value)
+                    found[unit].append(
+                        score_cover([image], scene, Asked("percent_correct", by=unit), seed=19, run_id=run).value
+                    )
             cells = " | ".join(shown(found[unit]) for unit in UNITS)
             lines.append(f"| {name} | {window} | {image.looks.mean():.0f} | {cells} |")
     return lines
@@ -119,7 +121,12 @@ def of_flight(path: Path) -> list[str]:
             noise_power_w=np.zeros(len(image.looks)),  # no pixel is in shadow
         )
         found = [
-            np.mean([percent_correct([image], scene, by=unit, seed=19, run_id=k).value for k in range(10)])
+            np.mean(
+                [
+                    score_cover([image], scene, Asked("percent_correct", by=unit), seed=19, run_id=k).value
+                    for k in range(10)
+                ]
+            )
             for unit in UNITS
         ]
         lines.append(f"| {window} | {image.looks.mean():.0f} | {' | '.join(f'{value:.0f}' for value in found)} |")
@@ -142,7 +149,9 @@ def shapes(worlds: int) -> list[str]:
                 table = load_sigma0_table().in_world(World(19, run))
                 image = simulate_radar(scene, one, table, seed=19, run_id=run)
                 for unit, values in found.items():
-                    values.append(percent_correct([image], scene, by=unit, seed=19, run_id=run).value)
+                    values.append(
+                        score_cover([image], scene, Asked("percent_correct", by=unit), seed=19, run_id=run).value
+                    )
             for unit, values in found.items():
                 box = boxes.setdefault(unit, values)
                 away = "" if values is box else f" ({shown([v - b for v, b in zip(values, box, strict=True)])})"

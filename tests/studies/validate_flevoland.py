@@ -28,15 +28,15 @@ from scipy import ndimage
 from scipy.stats import spearmanr
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 mpl.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
+from shorthands import percent_correct  # noqa: E402
 
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table  # noqa: E402
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  # noqa: E402
 from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
-from seqrsm.score.cover import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import occasion  # noqa: E402
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
 from scipy import ndimage
+from shorthands import percent_correct, tiles_of
 from sklearn import metrics
 from synthetic import synthetic_scene
 
 from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, percent_correct, score_cover, score_evidence
-from seqrsm.score.evidence import WINDOW, Evidence, _lee, evidence_of, pixels_of
+from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
+from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, pixels_of
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -110,18 +112,24 @@ def test_standard_errors_of_other_measures_are_those_of_repeated_ground() -> Non
 
 def test_no_field_is_both_taught_and_tested() -> None:
     """A field's inner pixels lie in one tile, though tiles cut through fields by their centres."""
-    pixels = pixels_of(IMAGE, SCENE, tile_m=130.0, **KEY)
+    with tiles_of(130.0):
+        pixels = pixels_of(IMAGE, SCENE, **KEY)
     inside = pixels.field >= 0
     for field in np.unique(pixels.field[inside]):
         assert len(np.unique(pixels.tile[pixels.field == field])) == 1
     # A field larger than a tile is ground of many tiles.
     one = replace(SCENE, cover=np.zeros_like(SCENE.cover), field_id=np.zeros_like(SCENE.field_id))
-    assert len(np.unique(pixels_of(image(one), one, tile_m=130.0, **KEY).tile)) > 50
+    with tiles_of(130.0):
+        assert len(np.unique(pixels_of(image(one), one, **KEY).tile)) > 50
 
 
 def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
     """What lies in its pixels is kept from one look to the next, also when another utility asks for larger tiles."""
-    fine, coarse, again = (pixels_of(IMAGE, SCENE, tile_m=side, **KEY).tile for side in (130.0, 390.0, 130.0))
+    found = []
+    for side in (130.0, 390.0, 130.0):
+        with tiles_of(side):
+            found.append(pixels_of(IMAGE, SCENE, **KEY).tile)
+    fine, coarse, again = found
     assert len(np.unique(fine)) > 3 * len(np.unique(coarse))
     np.testing.assert_array_equal(again, fine)
 
@@ -194,12 +202,13 @@ def test_neighbours_help_where_speckle_is_strong() -> None:
     assert smooth > plain + 3.0
 
 
-def parcels_found(images, scene: Scene) -> tuple[float, Evidence]:
-    """Adjusted Rand index of the segments and the fields, over cells, and what is known of the segments."""
-    found = evidence_of(images, scene, by="segment", **KEY)
-    assert found.unit_of_cell is not None
-    seen = found.unit_of_cell >= 0
-    return metrics.adjusted_rand_score(scene.field_id[seen], found.unit_of_cell[seen]), found
+def parcels_found(images, scene: Scene) -> tuple[float, Evidence, np.ndarray]:
+    """Adjusted Rand index of the segments and the fields, over cells; what is known of the segments; each cell's."""
+    with mock.patch("seqrsm.score.evidence._of_segments", wraps=_of_segments) as made:
+        found = evidence_of(images, scene, by="segment", **KEY)
+    _, pixels, _, segment = made.call_args.args
+    unit = np.where(pixels.pixel >= 0, segment[pixels.pixel], -1)
+    return metrics.adjusted_rand_score(scene.field_id[unit >= 0], unit[unit >= 0]), found, unit
 
 
 def test_segments_are_the_parcels_where_these_differ() -> None:
@@ -209,10 +218,10 @@ def test_segments_are_the_parcels_where_these_differ() -> None:
     cover = np.kron(kinds, np.ones((16, 16), dtype=int)).astype(np.uint8)
     scene = replace(fields(side=16, n=192, cell_m=5.0), cover=cover, field_id=field)
     few = image(scene, 5.0, 1.25, texture_db=0.0)
-    index, found = parcels_found([few], scene)
+    index, found, unit_of_cell = parcels_found([few], scene)
     assert index > 0.75  # 0.72 where neighbours are merged in the order of what speckle leaves alike
     many = replace(few, intensity=few.mean_power + few.noise_power_w[:, None], looks=np.full_like(few.looks, 1000.0))
-    clear, _ = parcels_found([many], scene)
+    clear, *_ = parcels_found([many], scene)
     assert clear > 0.95
     # Two dates and another radar's coarser pixels tell more than one image.
     more = [few, image(scene, 5.0, 1.25, run_id=2, texture_db=0.0), image(scene, 10.0, 5.4, texture_db=0.0)]
@@ -221,11 +230,11 @@ def test_segments_are_the_parcels_where_these_differ() -> None:
     pixels = pixels_of(few, scene, **KEY)
     assert found.counts.sum() == pixels.counts.sum()
     place = int(found.counts.sum(axis=1).argmax())
-    mine = np.unique(pixels.pixel[found.unit_of_cell == place])
+    mine = np.unique(pixels.pixel[unit_of_cell == place])
     mean = few.apparent_sigma0().reshape(2, -1)[:, mine].mean(axis=1)
     np.testing.assert_allclose(found.features[:, place], 10.0 * np.log10(mean), rtol=1e-6)
-    for unit in np.unique(found.unit_of_cell)[:50]:
-        assert len(np.unique(pixels.tile[pixels.pixel[found.unit_of_cell == unit]])) == 1
+    for unit in np.unique(unit_of_cell)[:50]:
+        assert len(np.unique(pixels.tile[pixels.pixel[unit_of_cell == unit]])) == 1
     np.testing.assert_array_equal(found.features, parcels_found([few], scene)[1].features)
 
 

@@ -12,8 +12,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, image, radiometer, scene
+from shorthands import percent_correct
 
-from seqrsm.score.cover import percent_correct, score_evidence
+from seqrsm.score.cover import score_evidence
 from seqrsm.score.evidence import Evidence
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shorthands import percent_correct
 
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.fields import connected_patches
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
@@ -16,7 +17,6 @@ from seqrsm.scene.fields import connected_patches
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radiometer import from_settings
 from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 

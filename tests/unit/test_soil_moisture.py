@@ -13,6 +13,7 @@ from scipy import integrate, sparse, stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import radiometer, scene
+from shorthands import still_radiometer
 
 from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
@@ -133,7 +134,7 @@ def test_what_a_table_has_wrong_may_change_with_the_angle() -> None:
 def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
     s = land(("Bareground", "Grass"))
     r = radiometer(frequency_ghz=1.4, **BAND)
-    found = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1, random_occasion=False)
+    found = still_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1)
     ground = expected_ground(found, s, seen_pixels(found))
     np.testing.assert_allclose(ground.share.sum(axis=-1), 1.0)
     np.testing.assert_allclose(ground.temperature_k, 300.0, atol=0.01)

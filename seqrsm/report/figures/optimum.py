@@ -19,7 +19,7 @@ from seqrsm.report.blocks import PanelData, heading
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.rounding import format_range
-from seqrsm.report.wording import axis_label, level_labels, score_decimals, shortened, with_unit
+from seqrsm.report.wording import axis_label, level_labels, level_probabilities, score_decimals, shortened, with_unit
 from seqrsm.spec.tables import StopSpec
 
 if TYPE_CHECKING:
@@ -263,16 +263,16 @@ def _natural(factor: Factor, values: FloatArray) -> list[float | str]:
 def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
     """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
     factor = analysis.region.factors[index]
-    draws = analysis.posterior.optimum_points[:, index]
     if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
-        labels = [shortened(label, 20) for label in level_labels(factor)]
-        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in factor.coded_levels])
-        axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
+        shares = level_probabilities(analysis, factor)
+        labels = [shortened(label, 20) for label in shares]
+        axes.bar(np.arange(len(labels)), list(shares.values()), color=drawing.BLUE, width=0.6)
         axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
         axes.set_ylim(0.0, 1.0)
         axes.set_ylabel("probability")
     else:
         edges = np.linspace(-1.0, 1.0, 33)
+        draws = analysis.posterior.optimum_points[:, index]
         share = np.histogram(draws, edges)[0] / max(draws.size, 1)
         natural = factor.decode(edges)
         axes.bar(natural[:-1], share, np.diff(natural), align="edge", color=drawing.BLUE, linewidth=0)

@@ -70,7 +70,7 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
         rule = (
             f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
         )
-    digits = _digits(found)
+    digits = 1 if abs(found["optimum"]) > 1.0 else 3  # of percent, or of what lies between 0 and 1
     optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], digits), unit)}"
     if found.get("simulated") is not None:
         simulated = with_unit(format_number(found["simulated"], digits), unit)
@@ -91,11 +91,6 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
     notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in rows if row["how"] == "none"]
     notes = [note for note in notes if note]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
-
-
-def _digits(found: Mapping[str, Any]) -> int:
-    """Decimals of a score: one of percent, three of what lies between 0 and 1."""
-    return 1 if abs(found["optimum"]) > 1.0 else 3
 
 
 def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str, digits: int) -> Block:

@@ -92,16 +92,12 @@ def model_section(analysis: Analysis, key: str) -> Section:
         _statistics_table(analysis),
     ]
     if analysis.fit.reason:
-        blocks.append(Paragraph(f"{_sentence(analysis.fit.reason)}.", "warning"))
+        blocks.append(Paragraph(f"{capital(analysis.fit.reason)}.", "warning"))
     blocks.append(_anova_table(analysis))
     blocks.append(Paragraph(_lack_of_fit_text(analysis)))
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     blocks += _by_block(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
-
-
-def _sentence(text: str) -> str:
-    return capital(text.rstrip("."))
 
 
 def _model_text(analysis: Analysis) -> str:

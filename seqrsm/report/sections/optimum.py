@@ -153,7 +153,8 @@ def shape_section(analysis: Analysis, key: str) -> Section:
     )
     blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis), *_choice(analysis)]
     blocks += _shape(analysis)
-    sampled = "; ".join(f"{name} {value}" for name, value in _sampler(analysis))
+    kept = analysis.posterior.sampler.items()
+    sampled = "; ".join(f"{_SAMPLER_WORDS.get(name, readable(name))} {_sampler_value(name, x)}" for name, x in kept)
     blocks.append(Paragraph(f"Posterior computation: {sampled}.", "note"))
     return Section(f"{key}-shape", "Intervals and shape of the surface", tuple(blocks))
 
@@ -433,13 +434,6 @@ def _by_level(analysis: Analysis) -> list[Block]:
         "points at one value are drawn side by side."
     )
     return [FigureBlock(lambda: tuple(_level_panel(analysis, *pair) for pair in pairs[:MAX_PAIRS]), caption)]
-
-
-def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
-    return tuple(
-        (_SAMPLER_WORDS.get(name, readable(name)), _sampler_value(name, value))
-        for name, value in analysis.posterior.sampler.items()
-    )
 
 
 _SAMPLER_WORDS = {

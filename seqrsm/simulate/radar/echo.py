@@ -121,17 +121,7 @@ def field_factors(occasion: Occasion) -> FloatArray:
 
 
 def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
-    """Row numbers of a frame for one radar.
-
-    Parameters
-    ----------
-    frame : RadarFrame
-    radar : RadarConfiguration
-
-    Returns
-    -------
-    EchoGrid
-    """
+    """Row numbers of a frame for one radar."""
     cell, y = frame.cell_m, frame.ground_range_m
     n = len(y)
     # The rows, one more at both ends, the near edge of the swath and the centre of the scene.
@@ -290,13 +280,6 @@ def _sum_echoes(
 
 def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
     """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
-
-    Parameters
-    ----------
-    scene : Scene
-    radar : RadarConfiguration
-    frame : RadarFrame
-    grid : EchoGrid
 
     Returns
     -------

@@ -140,10 +140,6 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     precision : {"float32", "float64"}
         Element type of the elevations.
 
-    Returns
-    -------
-    RadarFrame
-
     Raises
     ------
     ConfigurationError
@@ -307,10 +303,6 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     beamwidth_rad : float
         Half-power width of the beam in azimuth; pixels are as wide, rounded so that their number is a multiple of 4.
     precision : {"float32", "float64"}
-
-    Returns
-    -------
-    FrameLayers
 
     Raises
     ------

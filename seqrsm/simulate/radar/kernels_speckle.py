@@ -40,10 +40,6 @@ def philox4x32(
         Counter.
     k0, k1 : uint32
         Key.
-
-    Returns
-    -------
-    tuple of four uint32
     """
     for _ in range(10):
         p0 = np.uint64(c0) * _M0

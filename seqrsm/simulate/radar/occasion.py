@@ -133,10 +133,6 @@ def draw_occasion(
     visit : Visit
     seed, run_id : int
         Campaign and run.
-
-    Returns
-    -------
-    Occasion
     """
     n_categories = lookups[0].sigma0.shape[0]
     known = field_category < n_categories

@@ -78,10 +78,6 @@ def simulate_radar(
     visit : Visit
         Which of a run's images this is.
 
-    Returns
-    -------
-    RadarImage
-
     Raises
     ------
     ConfigurationError

@@ -147,10 +147,6 @@ def picture(image: RadarImage) -> AnyArray:
     Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
     G_RC (eq. 3-18), or with neither so that each channel's median becomes mid-grey.
 
-    Parameters
-    ----------
-    image : RadarImage
-
     Returns
     -------
     uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
@@ -261,10 +257,6 @@ def quantised_intensity(
         n.
     dynamic_range_db : float
         m.
-
-    Returns
-    -------
-    float64 array
     """
     top = 2.0**n_bits - 1.0
     step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)

@@ -32,11 +32,7 @@ from seqrsm.simulate.radiometer.frame import (
     surface_temperature_k,
     temperature_layer,
 )
-from seqrsm.simulate.radiometer.occasion import (
-    RadiometerOccasion,
-    draw_radiometer_occasion,
-    nominal_radiometer_occasion,
-)
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion, draw_radiometer_occasion
 from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.simulate.visits import ONCE, Visit
 
@@ -55,7 +51,6 @@ def simulate_radiometer(
     seed: int,
     run_id: int,
     precision: Precision = "float32",
-    random_occasion: bool = True,
     visit: Visit = ONCE,
 ) -> RadiometerImage:
     """Image of a scene by a radiometer on one occasion.
@@ -71,14 +66,8 @@ def simulate_radiometer(
         Campaign and run; they key the occasion and the noise.
     precision : {"float32", "float64"}
         Element type of the arrays of cells; footprints are summed in double precision in any case.
-    random_occasion : bool
-        False takes the table's own values and the middle of the moistures, for pictures and tests.
     visit : Visit
         Which of a run's images this is.
-
-    Returns
-    -------
-    RadiometerImage
 
     Raises
     ------
@@ -93,10 +82,7 @@ def simulate_radiometer(
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
     lookups = lookups_of(scene, radiometer, table, visit.day)
-    if random_occasion:
-        occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
-    else:
-        occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
+    occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
     planck_k = radiometer.planck_used_k
     air = air_over(radiometer, planck_k)
     met = Meeting(frame, scan, lookups, occasion, air, planck_k, table, visit.day)
@@ -300,10 +286,6 @@ def scan_image(
         Key of its stream.
     notes : tuple of str
         Recorded with the image.
-
-    Returns
-    -------
-    RadiometerImage
     """
     frame, scan = met.frame, met.scan
     antenna_k, offset, state = mapped

@@ -1,0 +1,43 @@
+"""What tests and studies ask of images in one call: a score in tiles of a side, an image of still ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import Any
+from unittest import mock
+
+from seqrsm.scene.scene import Scene
+from seqrsm.score import evidence
+from seqrsm.score.classification import UtilityScore
+from seqrsm.score.cover import score_cover
+from seqrsm.score.evidence import Image
+from seqrsm.score.utilities import Asked
+from seqrsm.simulate.radiometer import prm
+from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer.result import RadiometerImage
+
+
+@contextmanager
+def tiles_of(side_m: float) -> Iterator[None]:
+    """Tiles of ground of this side [m], whatever image and scene."""
+    with mock.patch.object(evidence, "tile_m", return_value=side_m):
+        yield
+
+
+def percent_correct(
+    images: Sequence[Image], scene: Scene, *, by: str = "pixel", tile_m: float | None = None, **key: int
+) -> UtilityScore:
+    """Percent of scored cells named rightly; ``tile_m``: side of a tile of ground [m], else that of a campaign."""
+    with nullcontext() if tile_m is None else tiles_of(tile_m):
+        return score_cover(images, scene, Asked("percent_correct", by=by), **key)
+
+
+def still_radiometer(scene: Scene, radiometer: Any, table: Any, **options: Any) -> RadiometerImage:
+    """Image of ground as the table has it, at the middle of the moistures; options as of `simulate_radiometer`."""
+
+    def still(radiometer: Any, lookups: Any, scene: Scene, *_: Any, **__: int) -> Any:
+        return nominal_radiometer_occasion(radiometer, lookups, scene)
+
+    with mock.patch.object(prm, "draw_radiometer_occasion", still):
+        return prm.simulate_radiometer(scene, radiometer, table, **options)
