@@ -62,6 +62,8 @@ class Objective:
         False for a consideration.
     limits : tuple of float
         Least and largest value that there can be.
+    optimum : ndarray (k,) or None
+        Coded settings of its own optimum, as told elsewhere; by default found here.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Objective:
     unit: str = ""
     application: bool = True
     limits: tuple[float, float] = (-math.inf, math.inf)
+    optimum: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +210,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         table.ideal,
         analysis.score_unit,
         limits=limits,
+        optimum=analysis.optimum.point,
     )
 
 
@@ -277,8 +281,10 @@ def compromise(
     means = np.column_stack([objective.mean(cover) for objective in objectives])
     own_points, limits = [], []
     for i, objective in enumerate(objectives):
-        signed = partial(_signed, objective)
-        own_points.append(_climb(region, cover, sign_of(objective.goal) * means[:, i], signed, rng))
+        own = objective.optimum
+        if own is None:
+            own = _climb(region, cover, sign_of(objective.goal) * means[:, i], partial(_signed, objective), rng)
+        own_points.append(own)
         limits.append(_limits(objective, means[:, i], float(objective.mean(own_points[-1][None, :])[0])))
     weights = np.array([objective.weight for objective in objectives])
     weights = weights / weights.sum()
@@ -306,6 +312,8 @@ def compromise(
     for i, (objective, own, (worst, best)) in enumerate(zip(objectives, own_points, limits, strict=True)):
         found = np.clip([here[i], objective.mean(own[None, :])[0]], *objective.limits)
         value, own_best = float(found[0]), float(found[1])
+        if sign_of(objective.goal) * (value - own_best) > 0.0:  # by what a search leaves
+            own_best = value
         given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
         spread = given_up
         if i in losses_of_draws:

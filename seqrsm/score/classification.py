@@ -141,11 +141,15 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
     return Classified(confusion[by.seen], by.classes)
 
 
-def by_map_alone(evidence: Evidence) -> Taught:
-    """Laws under which what images show tells nothing, so that the map that is there already names the ground."""
+def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
+    """Laws under which what images show tells nothing, so that the map that is there already names the ground.
+
+    ``areas``: cells (n_classes,) of each class, where a label is to name the likeliest by them; else all are as likely.
+    """
     seen, half = _halves_of(evidence)
     (d, _), (_, n), c = evidence.features.shape, evidence.counts.shape, evidence.covariates
-    laws = (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n, c, c)), np.zeros((2, n)))
+    prior = np.zeros((2, n)) if areas is None else np.tile(np.log(np.maximum(areas, 0.5)), (2, 1))
+    laws = (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n, c, c)), prior)
     return Taught(seen, half, laws, np.ones(n, dtype=bool))
 
 

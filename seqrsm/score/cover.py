@@ -104,10 +104,10 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     }
     guess, perfect = ends_of(true, asked.name, covers)
     if evidence.label is not None:
-        by = by_map_alone(evidence)
-        alone = _at_false_alarms(evidence, by, covers) if asked.name == "detection" else named(evidence, by)
-        by_map = float(measure(alone.confusion.sum(axis=0), asked.name, covers))
-        guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
+        for by in (by_map_alone(evidence), by_map_alone(evidence, true)):
+            alone = _at_false_alarms(evidence, by, covers) if asked.name == "detection" else named(evidence, by)
+            by_map = float(measure(alone.confusion.sum(axis=0), asked.name, covers))
+            guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
     return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
 
 

@@ -17,7 +17,9 @@ from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_sections
+from seqrsm.report.sections.model import _block_text
 from seqrsm.report.sections.optimum import optimum_section, shape_section
+from seqrsm.report.sections.summary import _key_figures
 from seqrsm.spec.tables import StopSpec
 
 Rows = list[dict]
@@ -201,6 +203,16 @@ def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_sam
         assert found["stop"][name] == pytest.approx(2.0 * document["stop"][name], rel=drawn)
     importance = ([row["f"] for row in table["factors_importance"]] for table in (found, document))
     np.testing.assert_allclose(*importance, rtol=1e-6)
+
+
+def test_random_days_are_no_terms_and_the_coefficients_say_what_they_are(tmp_path: Path) -> None:
+    campaign = Campaign.open(make(tmp_path / "c", *KINDS["random days"]))
+    (found,) = campaign.analyse_all(thorough=True)
+    assert found.blocks is not None
+    (terms,) = (one.detail for one in _key_figures(campaign.spec, found).items if one.label == "Runs in the fit")
+    assert terms.startswith("6 terms")  # as in the reasons of the decision
+    assert any("for 6 terms" in check["text"] for check in analysis_to_json(found)["stop"]["checks"])
+    assert "are those of fixed blocks" in _block_text(found.blocks, "")
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,17 @@ def test_compromise_lies_between_and_matches_a_fine_grid() -> None:
     assert first.given_up == pytest.approx(first.own_best - first.value)
 
 
+def test_an_optimum_told_elsewhere_is_the_one_told_here() -> None:
+    told = np.array([0.49, 0.01])
+    objectives = [
+        Objective("x", "maximize", 1e-9, bowl((-0.5, 0.0))),
+        Objective("y", "maximize", 1.0, bowl((0.5, 0.0)), optimum=told),
+    ]
+    found = compromise(BOX, objectives).given_up[1]
+    assert found.own_settings == pytest.approx({"a": 0.49, "b": 0.01}, abs=1e-12)
+    assert found.given_up == 0.0  # the compromise is nearer to where y is best than what was told
+
+
 def test_nothing_beyond_the_scale_is_told() -> None:
     objectives = [
         Objective("x", "maximize", 1.0, bowl((-0.5, 0.0), 104.0), limits=(0.0, 100.0)),

@@ -113,6 +113,19 @@ def test_what_a_map_adds_to_one_feature_is_the_closed_form() -> None:
     assert score_evidence(evidence, ("a", "b"), Asked("area_error", ("b",))).guess < 3.0
 
 
+def test_the_map_alone_knows_how_much_of_the_ground_each_cover_has_as_a_guess_does() -> None:
+    """Half a, all named 0; four tenths b, a fifth of it named 0; one tenth c, all named 1, which is b by area."""
+    truth = np.repeat([0, 1, 1, 2], [500, 80, 320, 100])
+    label = np.repeat([0, 0, 1, 1], [500, 80, 320, 100])
+    counts = np.eye(3, dtype=np.int64)[truth]
+    rng = np.random.default_rng(5)
+    features, tile = rng.standard_normal((1, 1000)), rng.integers(0, 40, 1000)
+    known = of([[1.0, 0.0], [0.2, 0.8], [0.0, 1.0]])
+    evidence = Evidence(features, counts, tile, rng.random(40), 0, counts, label=label, log_share=known.log_share)
+    assert score_evidence(evidence, tuple("abc"), Asked("percent_correct")).guess == pytest.approx(82.0)
+    assert score_evidence(evidence, tuple("abc"), Asked("class_mean_correct")).guess == pytest.approx(200 / 3)
+
+
 def test_a_perfect_map_leaves_nothing_to_name_and_clouds_add_nothing() -> None:
     perfect = of(np.eye(4).tolist())
     for by in ("pixel", "field"):

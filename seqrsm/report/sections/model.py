@@ -404,6 +404,8 @@ def _block_text(found: BlockStudy, unit: str) -> str:
         f"maximum likelihood); credible interval of their ratio {ratio}. A run in a new block includes that block's "
         "effect."
     )
+    if found.effect == "random":
+        text += " Coefficients, analysis of variance and F tests are those of fixed blocks."
     return f"{text} {capital(found.note)}." if found.note else text
 
 

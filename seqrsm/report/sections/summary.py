@@ -148,7 +148,7 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     level, stop = level_phrase(analysis), spec.stop
     missing = no_error_estimate(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
-    best = analysis.optimum
+    best, terms = analysis.optimum, analysis.fitted.surface.n_terms
     mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
     figures = (
         ("Mean score", score_text(analysis, best.mean), missing or f"{level} confidence interval {mean}"),
@@ -156,7 +156,7 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
         *_ends(analysis),
         ("Stop-rule half-width", _deciding(analysis), f"target {target}; {watched_interval(stop)}"),
         ("Most important factor", *_most_important(analysis)),
-        ("Runs in the fit", str(analysis.fit.n_runs), f"{analysis.fit.n_terms} terms; budget {stop.max_runs}"),
+        ("Runs in the fit", str(analysis.fit.n_runs), f"{terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
     )
     return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
