@@ -255,7 +255,7 @@ FAULTS = [
     ("altitude_m = 3000.0", "altitude_m = true", "altitude_m = true", "[simulator] fixed.altitude_m", "number"),
     ("altitude_m = 3000.0", "looks = 4", "looks = 4", "[simulator] fixed.looks", "both a factor and fixed"),
     ("tolerance = 0.5", "tolerance = inf", "tolerance = inf", "[simulator] tolerance", "finite"),
-    ("flight = 250.0", "flight = -250.0", "flight = -250.0", "[cost] flight", "greater than 0"),
+    ("flight = 250.0", "flight = -250.0", "flight = -250.0", "[cost] flight", "greater than or equal to 0"),
     ("half_width = 4.0", "half_width = 0", "half_width = 0", "[stop] half_width", "greater than 0"),
     ("half_width = 4.0\n", "", "[stop]", "[stop] half_width", "missing"),
     ("level = 0.95", "level = 95", "level = 95", "[stop] level", "less than or equal to 0.9999"),
