@@ -234,7 +234,7 @@ def test_halves_are_cut_among_the_tiles_that_hold_cells():
 
 def test_tiles_of_rows_and_columns_are_those_of_their_pixels():
     across, along = np.arange(7)[:, None] * 100.0, (np.arange(9) + 0.5) * 130.0
-    key = {"extent_m": (600.0, 1105.0), "tile_m": 250.0}
+    key = {"extent_m": (600.0, 1105.0), "side_m": 250.0}
     tile, n_tiles = tiles(across, along, **key)
     spread = [x.ravel() for x in np.broadcast_arrays(across, along)]
     assert np.array_equal(tiles(*spread, **key)[0], tile)
