@@ -13,7 +13,7 @@ from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import belief as belief_module
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.belief import Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients
@@ -56,7 +56,7 @@ AT = spread(5, 2, seed=12)
 
 def test_probability_is_that_of_bayes(narrow: Analysis) -> None:
     departure = narrow.fitted.departure
-    odds = np.exp(departure.log_bayes_factor + PRIOR_LOG_ODDS)
+    odds = np.exp(departure.log_bayes_factor)  # even before the scores
     share = odds / (1.0 + odds)
     assert departure.probability == (0.0 if share < 0.01 else pytest.approx(share))
     assert departure.probability > 0.9
