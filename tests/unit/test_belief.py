@@ -63,6 +63,15 @@ def test_probability_is_that_of_bayes(narrow: Analysis) -> None:
     assert departure.reason == ""
 
 
+def test_process_and_quadratic_have_even_odds_before_the_scores(tmp_path: Path) -> None:
+    points = np.round(spread(30, 2), 3)
+    y = 80.0 - 10.0 * np.sum((points - 0.2) ** 2, axis=1) + NOISE[:30]
+    departure = analysed(tmp_path / "c", TWO, points, y).fitted.departure
+    assert 0.01 < departure.probability < 0.9
+    odds = departure.probability / (1.0 - departure.probability)
+    assert np.log(odds) == pytest.approx(departure.log_bayes_factor, abs=1e-9)
+
+
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     belief, surface = believed(narrow, 0.0), narrow.fitted.surface
     np.testing.assert_array_equal(belief.mean(AT), surface.rows(AT) @ surface.estimate)
