@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from threading import current_thread, main_thread
 from typing import Any
 from unittest import mock
 
@@ -20,7 +21,8 @@ from seqrsm.simulate.radiometer.result import RadiometerImage
 
 @contextmanager
 def tiles_of(side_m: float) -> Iterator[None]:
-    """Tiles of ground of this side [m], whatever image and scene."""
+    """Tiles of ground of this side [m], whatever image and scene: for the whole process, so in no thread of several."""
+    assert current_thread() is main_thread()  # two that end in the wrong order would leave it to all later tests
     with mock.patch.object(evidence, "tile_m", return_value=side_m):
         yield
 

@@ -113,4 +113,4 @@ def small_score(run_id: int) -> float:
     s = scene(rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0), 10.0, patch, field)
     table = Table((0.8, 0.85, 0.9), field_sd=0.02)
     found = simulate_radiometer(s, radiometer(channels=("H", "V")), table, seed=3, run_id=run_id)
-    return percent_correct([found], s, seed=3, run_id=run_id, tile_m=150.0).value
+    return percent_correct([found], s, seed=3, run_id=run_id).value

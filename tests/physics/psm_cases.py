@@ -220,4 +220,4 @@ def small_score(run_id: int) -> float:
     s = scene(z, 5.0, patch, field)
     table = Table((-8.0, -10.0, -12.0), 0.1, field_sd_db=1.0, date_sd_db=0.5, channel_correlation=0.5)
     image = simulate_radar(s, radar(channels=("HH", "HV"), resolution_m=15.0), table, seed=3, run_id=run_id)
-    return percent_correct([image], s, seed=3, run_id=run_id, tile_m=100.0).value
+    return percent_correct([image], s, seed=3, run_id=run_id).value
