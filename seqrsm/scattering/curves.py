@@ -257,13 +257,14 @@ def _curve(
 def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
     """Ulaby and Dobson's class regression, moved at each node to the category's own levels.
 
-    A node between two with levels is moved by what lies between, HH without levels of its own as VV. X and Ku bands
-    have the level of the last node.
+    A node between two with levels is moved by what lies between. HH is moved as VV, and by what sources of both say of
+    their difference. X and Ku bands have the level of the last node.
     """
     nodes = sorted({float(r.text("frequency_ghz")) for r in classes})
     value = np.full((len(nodes), 3, THETA_DEG.size), np.nan)
     move = np.full((len(nodes), 3), np.nan)
     status = [[""] * 3 for _ in nodes]
+    by_source: list[list[dict[str, list[float]]]] = [[{} for _ in range(3)] for _ in nodes]
     for r in classes:
         n, p = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
         parameters = [float(r.text(f"p{i}")) for i in range(1, 7)]
@@ -273,16 +274,17 @@ def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
             for x in levels
             if (float(x.text("frequency_ghz")), x.text("polarization")) == (nodes[n], POLARIZATIONS[p])
         ]
-        by_source: dict[str, list[float]] = {}
         for x in own:
             there = float(backscatter_ulaby89_db(parameters, math.radians(float(x.text("theta_deg")))))
-            by_source.setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
+            by_source[n][p].setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
         if own:
-            move[n, p] = np.mean([np.mean(moves) for moves in by_source.values()])
+            move[n, p] = np.mean([np.mean(moves) for moves in by_source[n][p].values()])
         status[n][p] = weakest([row.text("status"), r.text("status"), *(x.text("status") for x in own)])
-    for like, of in zip(status, move, strict=True):
-        if np.isnan(of[0]) and not np.isnan(of[2]):
-            of[0], like[0] = of[2], weakest(["computed", like[2]])
+    for like, of, (hh, _, vv) in zip(status, move, by_source, strict=True):
+        if hh.keys() != vv.keys() and vv:
+            of[0] = of[2] + np.mean([np.mean(hh[name]) - np.mean(vv[name]) for name in hh] or 0.0)
+            if not hh:
+                like[0] = weakest(["computed", like[2]])
     told = ~np.isnan(move)
     at = np.log(nodes)
     for n, p in zip(*np.nonzero(~told), strict=True):

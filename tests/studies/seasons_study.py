@@ -277,21 +277,23 @@ def rests_on(found: dict[str, list[dict[str, tuple[float, float]]]], worlds: int
 
 
 WORDS = [
-    "Crops of one ground differ by 2.4 to 3.0 dB in L band and by 1.0 dB in C band, as measured, and the table has",
-    "them so. With equal contrasts most of the difference on one date is gone. HH of C band is VV less a constant,",
-    "for no crop was measured there, and tells little of its own. Doubt about the table draws crops further apart",
-    "than measured grounds have them, by 1.6 times in C and 1.1 to 1.3 times in L band; without it L band leads by",
-    "more. That two flights in L band differ by more than regions do in C band is worth 4 of the 11 points. Fields",
-    "make no difference: those of a crop differ by as much or more in L band, and their channels are related alike,",
-    "by 0.75 in L band (the flight) and 0.86 in C band (cells of western France, one 10-day composite with the next,",
-    "so that speckle does not count). Both bands have 93 looks, and noise lies far below crops.",
+    "Crops of one ground differ by 2.4 to 3.0 dB in L band; in C band by 1.0 to 1.1 dB on three grounds of Sentinel-1",
+    "and by 2.5 dB on the flight over Flevoland of 15 June 1991, the one ground where HH was measured. A table of",
+    "means of several grounds has less, and worlds put on top what a ground departs by: 1.8 to 1.9 dB in C band, as",
+    "measured but for HH, and 3.1 to 3.8 dB in L band, more than measured. As the picture of that flight has it, the",
+    "total power of 83 labelled fields separates their crops almost as well in C as in L band: by 2.1 and 2.3",
+    "standard deviations of fields of a crop (2.6 in P band), in units of the picture, whose scale is not stated.",
+    "With equal contrasts more than half of the difference on one date is gone. Vegetables are several crops, which",
+    "that flight found 2.1 to 3.7 dB apart in C band: what other crops gain by larger contrasts in C band, these lose.",
+    "Channels of a field are related by 0.75 in L band (the flight) and by 0.86 in C",
+    "band (cells of western France, one 10-day composite with the next, so that speckle does not count). Both bands",
+    "have 93 looks, and noise lies far below crops.",
     "",
-    "Levels of C band are means of months and regions. Within 50 by 80 km and ten days, crops and grass of western",
-    "France differ by 2.0 to 2.9 dB in May and June and by 0.5 to 1.2 dB in July and August (VV and VH, less what few",
-    "cells leave open); worlds have 2.2 to 2.6 dB and 1.9 to 2.1 dB. Over the season L band gains by its course, a",
-    "water cloud over bare soil, of which 22 June to 19 July alone is measured. Not simulated are the phases that",
-    "fully polarimetric classifiers use, and errors that both bands share, such as a wrong label or two crops in a",
-    "field.",
+    "Within 50 by 80 km and ten days, crops and grass of western France differ by 2.0 to 2.9 dB in May and June and by",
+    "0.5 to 1.2 dB in July and August (VV and VH, less what few cells leave open). Over the season L band gains by its",
+    "course, a water cloud over bare soil, of which 22 June to 19 July alone is measured. Not simulated are the phases",
+    "that fully polarimetric classifiers use, and errors that both bands share, such as a wrong label or two crops in",
+    "a field.",
 ]
 
 

@@ -70,7 +70,7 @@ def test_notes_tell_every_assumption() -> None:
     text = "\n".join(found.notes)
     for words in (
         "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.2 dB)",
-        "Wheat: level, with the regression's course over angle (measured: flevoland; measured: s1_central_europe",
+        "Wheat: level, with the regression's course over angle (measured: flevoland; measured: flevoland_1991; ",
         "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 at 1.25 GHz",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
@@ -84,7 +84,7 @@ def test_notes_tell_every_assumption() -> None:
 def test_status_is_the_weakest() -> None:
     assert TABLE.lookup(["Bareground", "Wheat", "Corn"], 1.25, "HH").status == ("computed", "measured", "measured")
     assert TABLE.lookup(["Bareground"], 1.25, "HH", soil_moisture=0.1).status == ("assumed",)
-    assert TABLE.lookup(["Wheat", "Scrub"], 5.4, "HH").status == ("computed", "public_code")
+    assert TABLE.lookup(["Wheat", "Corn", "Scrub"], 5.4, "HH").status == ("measured", "computed", "public_code")
     assert TABLE.lookup(["Wheat", "Trees"], 5.4, "VV").status == ("measured", "assumed")
     assert TABLE.lookup(["Scrub"], 9.0, "HH").status == ("assumed",)
 
