@@ -74,7 +74,19 @@ def theta_deg(name: str) -> float:
 
 @lru_cache(maxsize=1)
 def flight_1991() -> dict[str, dict[str, str]]:
-    return {row["class"]: row for row in data("flevoland_c_band.csv") if row["class"] in FLIGHT_1991}
+    """Mean power [dB] of the samples of each crop; HV is half of the second element of a covariance matrix."""
+    samples: dict[str, list[dict[str, str]]] = defaultdict(list)
+    for row in data("flevoland_c_band.csv"):
+        samples[row["class"]].append(row)
+    return {
+        crop: rows[0]
+        | {
+            f"{p.lower()}_dB": str(10.0 * np.log10(share * np.mean([float(row[c]) for row in rows])))
+            for p, c, share in (("HH", "c11", 1.0), ("HV", "c22", 0.5), ("VV", "c33", 1.0))
+        }
+        for crop, rows in samples.items()
+        if crop in FLIGHT_1991
+    }
 
 
 def formula_db(base: str, band: str, channel: str, theta: float) -> float:

@@ -23,6 +23,9 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.model_selection import LeaveOneOut, cross_val_predict
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.calendar import DAYS, Course
@@ -37,6 +40,17 @@ from seqrsm.simulate.radar.psm import simulate_radar
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation"
+CATEGORIES = {
+    "winter wheat": "Wheat",
+    "barley": "Oats",
+    "rapeseed": "Rapeseed",
+    "grass": "Grass",
+    "lucerne": "Forage",
+    "potatoes": "Vegetables",
+    "beans": "Vegetables",
+    "peas": "Vegetables",
+    "sugar beet": "Vegetables",
+}
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 GHZ = {"C": 5.4, "L": 1.25}
 ANGLE = {"C": 38, "L": 40}
@@ -273,7 +287,27 @@ def rests_on(found: dict[str, list[dict[str, tuple[float, float]]]], worlds: int
         *spreads(worlds),
         "",
         *WORDS,
+        "",
+        by_powers_alone(),
     ]
+
+
+def by_powers_alone() -> str:
+    """How well samples of the flight of 1991 are told apart, in Markdown."""
+    rows = pd.read_csv(ROOT / "tests" / "reference" / "data" / "flevoland_c_band.csv")
+    power = 10.0 * np.log10(rows[["c11", "c22", "c33"]].to_numpy())
+    right = []
+    for name in (rows["class"], rows["class"].map(CATEGORIES)):
+        known, names = name.notna().to_numpy(), name.dropna().to_numpy()
+        law = LinearDiscriminantAnalysis(priors=np.full(len(set(names)), 1.0 / len(set(names))))
+        same = cross_val_predict(law, power[known], names, cv=LeaveOneOut()) == names
+        right.append(f"{100.0 * pd.Series(same).groupby(names).mean().mean():.0f}")
+    n, crops = len(rows), rows["class"].nunique()
+    return (
+        f"By their three powers alone (Gaussian, leaving one out) {right[0]} % of the {n} labelled samples of the\n"
+        f"flight of 1991 are named right, of {crops} crops in C band; {right[1]} % where crops are merged as in the\n"
+        "table. The published 90 % rest on phases, and on means over fields."
+    )
 
 
 WORDS = [
