@@ -35,7 +35,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.store import STORE_NAME, Store
+from seqrsm.store.store import Store
 
 PROBE_WORLDS, _LEAST_WORLDS = 4, 12
 """Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
@@ -334,7 +334,7 @@ def _probe_noise(
 
 def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
     """Analyses of applications, none where scores are too few, and what the last looks recommend."""
-    if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
+    if not Store.exists(spec.folder, spec.store_url):
         return {}, []
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
         looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
