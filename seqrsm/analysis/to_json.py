@@ -45,7 +45,7 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
             **_of(decision, "attainable_half_width", "runs_needed"),
         },
         "sources": None if analysis.sources is None else _sources(analysis.sources),
-        **_of(analysis, "warnings"),
+        **_of(analysis, "warnings", "notes"),
     }
     if analysis.thorough:
         document["blocks"] = None if analysis.blocks is None else _blocks(analysis.blocks)

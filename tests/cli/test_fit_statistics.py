@@ -232,8 +232,8 @@ def test_counts_weigh_by_their_binomial_variance(tmp_path: Path) -> None:
     of_quadratic = student.ppf(0.975, 27) * se  # the process that is believed beside it makes it a little wider
     assert 0.98 * of_quadratic < half < 1.3 * of_quadratic
     assert half < 0.8 * equal["optimum"]["prediction"]["half_width"]
-    assert any('weights = "counts"' in text for text in equal["warnings"])
-    assert not any('weights = "counts"' in text for text in found["warnings"])
+    assert any('weights = "counts"' in text for text in equal["notes"])
+    assert not any('weights = "counts"' in text for text in found["notes"])
 
 
 def test_counts_that_are_missing(tmp_path: Path) -> None:
