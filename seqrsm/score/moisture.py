@@ -50,7 +50,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     Raises
     ------
     SceneError
-        No scored cell in the image has a cover that shows moisture, or all are as wet.
+        No scored cell in the image has a cover that shows moisture, or all are equally moist.
     """
     days = dict.fromkeys(image.day for image in images)
     dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
@@ -61,7 +61,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
         raise SceneError(text, "Choose another utility, or a scene with bare soil.", field="utility")
     if variance == 0.0:
         remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
-        raise SceneError("all the ground of a run is as moist", remedy, field="utility")
+        raise SceneError("all the ground of a run has the same soil moisture", remedy, field="utility")
     square, se = cluster_ratio(weight * error**2, weight)
     skill = 1.0 - square / variance
     details: dict[str, object] = {
