@@ -13,7 +13,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.canonical import natural_errors
+from seqrsm.fit.canonical import within_error
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
@@ -180,8 +180,8 @@ def _stationary(analysis: Analysis) -> dict[str, Any] | None:
 
 def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, Any]:
     """Settings at a coded point (k,), and standard errors of the numeric ones."""
-    region = analysis.region
-    natural = None
+    region, natural = analysis.region, None
+    ends = within_error(region, point, se)
     if np.all(np.isfinite(point)):
         with np.errstate(over="ignore"):  # a stationary point may lie anywhere
             natural = region.decode(point)[0]
@@ -189,8 +189,9 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, A
         "natural": natural,
         "coded": dict(zip(region.names, point.tolist(), strict=True)),
         "se": {
-            "natural": natural_errors(region, point, se),
             "coded": {region.names[j]: float(se[j]) for j in region.numeric},
+            "low": {name: low for name, (low, _) in ends.items()},
+            "high": {name: high for name, (_, high) in ends.items()},
         },
     }
 
