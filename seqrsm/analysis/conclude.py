@@ -213,9 +213,9 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
     model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    levels = tuple(int(best.point[j]) for j in region.categorical)
+    levels, s = tuple(int(best.point[j]) for j in region.categorical), surface.s or math.nan
     return stationary_point(
-        model, region, surface.estimate, levels, variance=lambda rows: surface.s**2 * surface.variance_unscaled(rows)
+        model, region, surface.estimate, levels, variance=lambda rows: s**2 * surface.variance_unscaled(rows)
     )
 
 
