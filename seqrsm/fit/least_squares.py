@@ -154,8 +154,6 @@ class LeastSquaresFit:
     @property
     def p_value(self) -> FloatArray:
         """Two-sided p value of every coefficient (p,)."""
-        if self.df_residual == 0:
-            return np.full(self.n_terms, np.nan)
         return np.asarray(2.0 * stdtr(float(self.df_residual), -np.abs(self.t)), dtype=np.float64)
 
     def interval(self, level: float = 0.95) -> Interval:
