@@ -264,10 +264,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         else "The fitted surface "
     )
     text += f"has a {stationary.kind} {where} the region at {_place(analysis, stationary.point, stationary.se)}."
-    method = (
-        " Values after \u00b1 are standard errors by the delta method; values in brackets are one standard error below "
-        "and above, on the logarithmic scale."
-    )
+    method = " \u00b1 and brackets: one standard error either way, by the delta method on the scale of the factor."
     blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
