@@ -123,10 +123,10 @@ def analyse(
         decision=decision,
         confirmation=confirmation,
         known_map=known_map,
-        warnings=tuple(
-            _warnings(spec, application, fitted, best)
+        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
+        notes=tuple(
+            _notes(spec, application, fitted)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
-            + effects_left_out(application, posterior)
         ),
         steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
@@ -213,9 +213,9 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
     model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    levels = tuple(int(best.point[j]) for j in region.categorical)
+    levels, s = tuple(int(best.point[j]) for j in region.categorical), surface.s or math.nan
     return stationary_point(
-        model, region, surface.estimate, levels, variance=lambda rows: surface.s**2 * surface.variance_unscaled(rows)
+        model, region, surface.estimate, levels, variance=lambda rows: s**2 * surface.variance_unscaled(rows)
     )
 
 
@@ -319,16 +319,26 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
-    fit, data, surface = fitted.fit, fitted.data, fitted.surface
+def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted) -> list[str]:
+    """How the result was found: nothing that casts doubt on it."""
+    data, surface = fitted.data, fitted.surface
     found = []
-    if fit.reason:
-        found.append(f"No error estimate: {fit.reason}.")
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")
     if surface.fixed_blocks and len(set(block_labels(spec, data))) > len(set(data.sources)):
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
+    counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
+    if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
+        found.append('The scores are counts: [model] weights = "counts" would weight them by their binomial variance.')
+    return found
+
+
+def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
+    fit, data, surface = fitted.fit, fitted.data, fitted.surface
+    found = []
+    if fit.reason:
+        found.append(f"No error estimate: {fit.reason}.")
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
@@ -358,9 +368,6 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"
         found.append(f"No factor has a significant effect ({test}): other settings may be equally good.")
-    counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
-    if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
-        found.append('The scores are counts: [model] weights = "counts" would weight them by their binomial variance.')
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:

@@ -240,7 +240,8 @@ class Analysis:
     ``fitted`` is what all was made from. ``fit`` is on ``scale``; everything else is in score units. ``of_quadratic``
     is the optimum of the fitted quadratic alone, ``optimum`` that of all that is believed. A ``thorough`` analysis adds
     ``steps``, what each value and level of a factor brings there, and ``blocks``, None where there is one block.
-    ``known_map``: images are held against a map that exists, and not against a guess.
+    ``known_map``: images are held against a map that exists, and not against a guess. ``warnings`` cast doubt on the
+    result, ``notes`` say how it was found.
     """
 
     application: str
@@ -255,6 +256,7 @@ class Analysis:
     decision: Decision
     confirmation: Confirmation | None
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
     steps: tuple[Step, ...] = ()
     sources: SourceComparison | None = None
     blocks: BlockStudy | None = None

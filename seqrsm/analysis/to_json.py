@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -13,7 +14,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.canonical import natural_errors
+from seqrsm.fit.canonical import within_error
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
@@ -45,7 +46,7 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
             **_of(decision, "attainable_half_width", "runs_needed"),
         },
         "sources": None if analysis.sources is None else _sources(analysis.sources),
-        **_of(analysis, "warnings"),
+        **_of(analysis, "warnings", "notes"),
     }
     if analysis.thorough:
         document["blocks"] = None if analysis.blocks is None else _blocks(analysis.blocks)
@@ -139,7 +140,7 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
 def _covariance(analysis: Analysis) -> dict[str, Any]:
     """Covariance s^2 (Z'WZ)^-1 of the coded coefficients, by the rows of its lower triangle."""
     fit = analysis.fit
-    matrix = fit.s**2 * fit.covariance_unscaled
+    matrix = (fit.s or math.nan) ** 2 * fit.covariance_unscaled
     return {"terms": list(fit.names), "lower_triangle": [matrix[i, : i + 1] for i in range(fit.n_terms)]}
 
 
@@ -180,8 +181,8 @@ def _stationary(analysis: Analysis) -> dict[str, Any] | None:
 
 def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, Any]:
     """Settings at a coded point (k,), and standard errors of the numeric ones."""
-    region = analysis.region
-    natural = None
+    region, natural = analysis.region, None
+    ends = within_error(region, point, se)
     if np.all(np.isfinite(point)):
         with np.errstate(over="ignore"):  # a stationary point may lie anywhere
             natural = region.decode(point)[0]
@@ -189,8 +190,9 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, A
         "natural": natural,
         "coded": dict(zip(region.names, point.tolist(), strict=True)),
         "se": {
-            "natural": natural_errors(region, point, se),
             "coded": {region.names[j]: float(se[j]) for j in region.numeric},
+            "low": {name: low for name, (low, _) in ends.items()},
+            "high": {name: high for name, (_, high) in ends.items()},
         },
     }
 

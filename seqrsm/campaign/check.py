@@ -35,7 +35,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.store import STORE_NAME, Store
+from seqrsm.store.store import Store
 
 PROBE_WORLDS, _LEAST_WORLDS = 4, 12
 """Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
@@ -127,7 +127,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     ----------
     folder : Path
     progress : callable
-        Told how many simulations are done of how many.
+        Told how many simulations are done of how many: first those of the noise, then those over the region.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     if spec.simulator is not None:
         noise, share, own, df, seconds, notes = _probe_noise(spec, progress)
         analysis = analyses.get(spec.applications[own].name)
-        spread = float("nan") if analysis is not None else _spread(spec, noise, own)
+        spread = float("nan") if analysis is not None else _spread(spec, noise, own, progress)
         source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
         if len(spec.applications) > 1:
             source += f"; of {spec.applications[own].name}, whose interval is widest"
@@ -334,7 +334,7 @@ def _probe_noise(
 
 def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
     """Analyses of applications, none where scores are too few, and what the last looks recommend."""
-    if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
+    if not Store.exists(spec.folder, spec.store_url):
         return {}, []
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
         looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
@@ -345,11 +345,14 @@ def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, 
     return analyses, list(looks.values())
 
 
-def _spread(spec: CampaignSpec, noise: float, own: int) -> float:
+def _spread(spec: CampaignSpec, noise: float, own: int, progress: Callable[[int, int], None]) -> float:
     """Standard deviation of an application's expected score over the region, from simulations at random settings."""
     points = spec.region.sample(SPREAD_PROBES, generator(spec.seed, 0, "spread"))
     settings = spec.region.decode(points)
-    results = [carry_out(task_of(spec, 2**31 - 1001 - i, setting)) for i, setting in enumerate(settings)]
+    results = []
+    for i, setting in enumerate(settings):
+        progress(i, SPREAD_PROBES)
+        results.append(carry_out(task_of(spec, 2**31 - 1001 - i, setting)))
     scores = [result.scores[own].score for result in results if not result.failure]
     if len(scores) < SPREAD_PROBES // 2:
         return float("nan")

@@ -26,6 +26,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
 from seqrsm.score.evidence import TILE_M
 from seqrsm.score.known_map import load_known_map
+from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import Member, members_of
@@ -421,12 +422,16 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """
     scene = scene_at(str(spec.scene_path))
     points = spec.region.candidates(n_continuous_levels=3, limit=3000)[:3000]
+    of_one_kind = any(utility_of(one.utility).of_one_kind for one in spec.applications)
     found: dict[str, list[tuple[Problem, str]]] = {}  # by what is wrong, whatever its numbers
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
         shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
         try:
             task = task_of(spec, 0, settings)
+            made = task.acquisitions
+            for day in {one.visit.day for one in made} if of_one_kind else ():
+                refuse_combination([one.sensor for one in made if one.visit.day == day])
             for note in sensor_notes(task, scene):
                 met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:

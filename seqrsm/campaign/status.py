@@ -17,7 +17,7 @@ from seqrsm.plain import plain
 from seqrsm.remember import remembered
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import LookRecord, RunRecord
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 from seqrsm.store.store import Store
 
 
@@ -38,11 +38,14 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     SpecError, StoreError
     """
     spec = load_spec(folder)
-    with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
-        store.verify()
-        runs, looks = store.runs(), store.looks()
-        events = store.events() if history else ()
-        bundles = store.events(kind=MEASURED)
+    runs, looks = tuple[RunRecord, ...](), tuple[LookRecord, ...]()
+    events = bundles = tuple[EventRecord, ...]()
+    if Store.exists(spec.folder, spec.store_url):
+        with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
+            store.verify()
+            runs, looks = store.runs(), store.looks()
+            events = store.events() if history else ()
+            bundles = store.events(kind=MEASURED)
     applications = [
         latest_look(spec, one, runs, looks, measured_ground(bundles, one.name)) for one in spec.applications
     ]

@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, log_ratio, span
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
@@ -184,19 +184,17 @@ def stationary_point(
     )
 
 
-def natural_errors(region: Region, point: FloatArray, se: FloatArray) -> dict[str, float]:
-    """Standard errors of the numeric factors' natural values by name, from those of a coded point (k,)."""
-    found = {}
-    for factor, at, error in zip(region.factors, point.tolist(), se.tolist(), strict=True):
-        if isinstance(factor, CategoricalFactor):
-            continue
-        low, high = span(factor)
-        slope = 0.5 * (high - low)
-        if factor.scale == "log":
-            with np.errstate(over="ignore"):
-                slope = 0.5 * float(log_ratio(high, low)) * float(factor.decode(at))
-        found[factor.name] = slope * error
-    return found
+def within_error(region: Region, point: FloatArray, se: FloatArray) -> dict[str, tuple[float, float]]:
+    """Natural values of the numeric factors a standard error below and above a coded point (k,), by name.
+
+    The error is that of the coded value, hence of the logarithm on a logarithmic scale: no value is below 0 there.
+    """
+    with np.errstate(over="ignore"):  # a stationary point may lie anywhere
+        return {
+            factor.name: (float(factor.decode(at - error)), float(factor.decode(at + error)))
+            for factor, at, error in zip(region.factors, point.tolist(), se.tolist(), strict=True)
+            if not isinstance(factor, CategoricalFactor)
+        }
 
 
 def _slopes(

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
-from seqrsm.fit.target import GeneralModel, Target, build_target, general_target
+from seqrsm.fit.target import Errors, GeneralModel, Target, build_target, general_target
 from seqrsm.progress import tell
 
 # scipy.stats takes longer to load than a campaign's posterior to sample. emcee has one move, not used here, that wants
@@ -107,9 +107,8 @@ def sample_posterior(
     y: FloatArray,
     weights: FloatArray | None = None,
     *,
-    errors: Literal["normal", "student_t"] = "normal",
+    errors: Errors | None = None,
     prior: Prior | None = None,
-    nu: float = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
 ) -> Sampled:
@@ -126,8 +125,8 @@ def sample_posterior(
         Scores.
     weights : ndarray (n,), optional
         Inverse relative variances, > 0; default 1.
-    errors : str
-        Normal, or Student-t with ``nu`` > 0 degrees of freedom.
+    errors : Errors, optional
+        Default normal.
     prior : Flat or NormalInverseGamma, optional
         Default flat: p(beta, sigma) proportional to 1 / sigma.
     bounds : LinearBounds, optional
@@ -142,12 +141,9 @@ def sample_posterior(
     FitError
         Scores that cannot be used, or that the model reproduces exactly.
     """
-    if errors not in ("normal", "student_t"):
-        raise ValueError("errors must be 'normal' or 'student_t'")
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-    target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
-    return _run(target, seed)
+    return _run(build_target(Z, y, w, errors, Flat() if prior is None else prior, bounds), seed)
 
 
 def sample_model(model: GeneralModel, *, seed: int) -> Sampled:

@@ -18,7 +18,7 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import ConvergenceError
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounded_draws, posterior, with_further
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.robust import STUDENT_DF, student_draws, student_weights
+from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 
 if TYPE_CHECKING:
@@ -209,8 +209,23 @@ class ErrorModel:
         return scale.to_score(here[:, None] + (block + spread * noise), 1.0)
 
 
-class _Additive(ErrorModel):
-    """Errors that add to a linear model: drawn by a sampler of their own, or by emcee."""
+class Additive(ErrorModel):
+    """Errors that add to a linear model: drawn by a sampler of their own where there is one, else by emcee.
+
+    A class tells their `log_likelihood` and `share` (see `seqrsm.fit.target.Errors`), and `noise`.
+    """
+
+    def log_likelihood(self, square: FloatArray) -> FloatArray:
+        """Log density (m,) of the errors of each row of their squares over the scale (m, n)."""
+        raise NotImplementedError
+
+    def share(self, square: FloatArray) -> FloatArray:
+        """Weight of each run in the most likely fit."""
+        raise NotImplementedError
+
+    def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
+        """Weights that make least squares the most likely fit."""
+        return given if self.exact else likely_weights(Z, y, given, self.share)
 
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
@@ -219,8 +234,9 @@ class _Additive(ErrorModel):
         inner, share = runs.seen_from_all(bounds), None
         # A surface through every score leaves nothing to sample: sigma is 0.
         through = runs.fit.sse == 0.0
-        if through or sampler == "exact":
-            (beta, sigma), made, share = (NORMAL if through else self).independent(runs, inner, n, rng)
+        own = NORMAL.independent if through else self.independent
+        if (through or sampler == "exact") and (found := own(runs, inner, n, rng)) is not None:
+            (beta, sigma), made, share = found
             if through and runs.own_columns and not np.any(sigma):
                 beta[:, : len(runs.fit.estimate)] = runs.fit.estimate  # no rounding dust, which has a best end
             if through or enough(len(sigma), n):
@@ -228,38 +244,31 @@ class _Additive(ErrorModel):
                 return _of_terms(runs, (beta, sigma), made, share, passes)
         from seqrsm.fit.ensemble import sample_posterior  # emcee: only where it is asked for
 
-        Z, y, weights, prior, seed = runs.Z, runs.y, runs.weights, runs.prior, int(rng.integers(2**31))
+        errors, seed = None if self.exact else self, int(rng.integers(2**31))
+        sample = partial(sample_posterior, runs.Z, runs.y, runs.weights, errors=errors, prior=runs.prior, seed=seed)
         try:
-            chain = sample_posterior(
-                Z,
-                y,
-                weights,
-                errors="normal" if self.exact else "student_t",
-                prior=prior,
-                nu=STUDENT_DF,
-                bounds=inner,
-                seed=seed,
-            )
+            chain = sample(bounds=inner)
         except ConvergenceError:
-            if self.exact:
+            if self.exact or (found := self.independent(runs, inner, n, rng)) is None:
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
-            why = "by Gibbs sampling because emcee did not converge"
-            return _of_terms(runs, *self.independent(runs, inner, n, rng), why)
+            return _of_terms(runs, *found, "by Gibbs sampling because emcee did not converge")
         keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
-            share = float(np.mean(inner.hold(self.independent(runs, None, n, rng)[0][0])))
+            free = self.independent(runs, None, n, rng)
+            share = float(np.mean(inner.hold(sample().draws[:, :-1] if free is None else free[0][0])))
         made = _sampled(chain, self.name, len(keep))
         return _of_terms(runs, (keep[:, :-1], keep[:, -1]), made, share)
 
     def independent(
         self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
-    ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
-        """Coefficients and sigma drawn without emcee, how, and which share of all draws holds the bounds."""
-        raise NotImplementedError
+    ) -> tuple[tuple[FloatArray, ...], Made, float | None] | None:
+        """Coefficients and sigma drawn without emcee, how, and the share of all draws in the bounds; None: no way."""
+        del runs, bounds, n, rng
+        return None
 
 
-class Normal(_Additive):
+class Normal(Additive):
     """Independent normal errors of one variance, or of one up to known weights."""
 
     name = "normal"
@@ -285,15 +294,19 @@ class Normal(_Additive):
         return rng.standard_normal(size)
 
 
-class StudentT(_Additive):
+class StudentT(Additive):
     """Independent Student-t errors of known degrees of freedom: wild scores count for little."""
 
     name = "student_t"
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
 
-    def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
-        """Weights that make least squares the most likely fit."""
-        return student_weights(Z, y, given)
+    def log_likelihood(self, square: FloatArray) -> FloatArray:
+        """See `Additive`."""
+        return np.asarray(-0.5 * (STUDENT_DF + 1.0) * np.sum(np.log1p(square / STUDENT_DF), axis=1))
+
+    def share(self, square: FloatArray) -> FloatArray:
+        """See `Additive`."""
+        return student_share(square)
 
     def independent(
         self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator

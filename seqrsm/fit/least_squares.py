@@ -93,7 +93,7 @@ class LeastSquaresFit:
     names, kinds : tuple of str
         Of the p columns.
     estimate, se : ndarray (p,)
-        Coefficients and standard errors; ``se`` is nan when saturated.
+        Coefficients and standard errors; ``se`` is nan where s is 0 or nan: no scatter seen is none known.
     covariance_unscaled : ndarray (p, p)
         (Z'WZ)^-1.
     s : float
@@ -148,16 +148,12 @@ class LeastSquaresFit:
 
     @property
     def t(self) -> FloatArray:
-        """Student-t statistic of every coefficient (p,); nan where the standard error is 0 or undefined."""
-        found = np.full(self.estimate.shape, np.nan)
-        np.divide(self.estimate, self.se, out=found, where=self.se > 0.0)
-        return found
+        """Student-t statistic of every coefficient (p,); nan where the standard error is undefined."""
+        return np.asarray(self.estimate / self.se, dtype=np.float64)
 
     @property
     def p_value(self) -> FloatArray:
         """Two-sided p value of every coefficient (p,)."""
-        if self.df_residual == 0:
-            return np.full(self.n_terms, np.nan)
         return np.asarray(2.0 * stdtr(float(self.df_residual), -np.abs(self.t)), dtype=np.float64)
 
     def interval(self, level: float = 0.95) -> Interval:
@@ -202,9 +198,9 @@ class LeastSquaresFit:
             raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
-        h = self.variance_unscaled(rows)
-        se_mean = self.s * np.sqrt(h)
-        se_prediction = self.s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
+        h, s = self.variance_unscaled(rows), self.s or np.nan
+        se_mean = s * np.sqrt(h)
+        se_prediction = s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
         quantile = t_quantile(self.df_residual, level)
         return Prediction(
             mean,
@@ -371,7 +367,7 @@ def fit_least_squares(
         names=names,
         kinds=kinds,
         estimate=estimate,
-        se=s * np.sqrt(np.diagonal(C)),
+        se=(s or np.nan) * np.sqrt(np.diagonal(C)),
         covariance_unscaled=C,
         s=s,
         n_runs=n,

@@ -1,6 +1,8 @@
-"""Student-t errors: weights that make least squares the most likely fit, and posterior draws by Gibbs sampling."""
+"""Errors that are not normal: weights that make least squares the most likely fit; Gibbs sampling for Student-t."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,12 +17,21 @@ STUDENT_DF = 4.0
 _EM_STEPS = 60
 
 
-def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weights (n,) that turn least squares into the most likely fit with Student-t errors.
+def student_share(square: FloatArray) -> FloatArray:
+    """What a run counts in the most likely fit, by the square of its error over the scale.
 
-    Lange, Little & Taylor (1989), J. Am. Stat. Assoc. 84, 881-896: each run counts ``(nu + 1) / (nu + r^2 / s^2)``, so
-    that a wild score counts for next to nothing. Scaled to mean 1; with fewer than three residual degrees of freedom
-    every run counts alike.
+    Lange, Little & Taylor (1989), J. Am. Stat. Assoc. 84, 881-896. A wild score counts for next to nothing.
+    """
+    return (STUDENT_DF + 1.0) / (STUDENT_DF + square)
+
+
+def likely_weights(
+    Z: FloatArray, y: FloatArray, weights: FloatArray, share_of: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Weights (n,) that turn least squares into the most likely fit.
+
+    ``share_of``: as `student_share`. Scaled to mean 1; with fewer than three residual degrees of freedom every run
+    counts alike.
     """
     n, p = Z.shape
     if n < p + 3:
@@ -33,7 +44,7 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray) -> FloatA
         variance = float(np.sum(share * square)) / (n - p)
         if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
             return weights
-        after = (STUDENT_DF + 1.0) / (STUDENT_DF + square / variance)
+        after = share_of(square / variance)
         if np.max(np.abs(after - share)) < 1e-10:
             break
         share = after
@@ -89,7 +100,8 @@ def student_draws(
     outer = (XY[:, :, None] * XY[:, None, :]).reshape(n, (p + 1) ** 2)
     root = np.column_stack([start.factor, given.m0 - start.mean])
     own = root.T @ given.Lambda0 @ root
-    share = np.repeat((student_weights(X, y, weights) / weights)[None, :], _CHAINS, axis=0)
+    likely = likely_weights(X, y, weights, student_share)
+    share = np.repeat((likely / weights)[None, :], _CHAINS, axis=0)
     sweeps = max(-(-n_draws // _CHAINS), _LEAST_SWEEPS)
     u, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
     for sweep in range(-_WARM_UP, sweeps):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -23,8 +23,18 @@ from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, Prior, posterior
 from seqrsm.fit.moves import Distribution
 
-# Share of the base's degrees of freedom kept by the proposal for Student-t errors: heavier tails than the target.
+# Of the base's degrees of freedom, the share that the proposal keeps unless errors are normal: its tails are heavier.
 _TAIL = 0.7
+
+
+class Errors(Protocol):
+    """Errors that add to a linear model, by the squares of errors over their scale."""
+
+    def log_likelihood(self, square: FloatArray) -> FloatArray:
+        """Log density (m,) of the n errors of each row (m, n) at scale 1, up to a constant."""
+
+    def share(self, square: FloatArray) -> FloatArray:
+        """Weight of each run in the most likely fit: -2 times the slope of its log density by the square."""
 
 
 _MANY = 1000
@@ -115,20 +125,19 @@ class Target:
 
 
 def build_target(
-    Z: FloatArray, y: FloatArray, w: FloatArray, errors: str, prior: Prior, nu: float, bounds: LinearBounds | None
+    Z: FloatArray, y: FloatArray, w: FloatArray, errors: Errors | None, prior: Prior, bounds: LinearBounds | None
 ) -> Target:
     """Assemble the target; arguments as in ``sample_posterior``."""
-    student = errors == "student_t"
-    base = _base(Z, y, w, prior, nu if student else np.inf)
+    base = _base(Z, y, w, prior, errors)
     if base.b == 0.0:
         raise FitError("the model reproduces every score exactly, so sigma has no posterior to sample")
     p, scale = Z.shape[1], base.scale
-    tail = _TAIL if student else 1.0
+    tail = 1.0 if errors is None else _TAIL
     root = np.sqrt(w)
     A = np.ascontiguousarray(((Z * root[:, None]) @ base.factor * scale).T)
     r0 = root * (y - Z @ base.mean)
     n = r0.size
-    if not student and n > _MANY:
+    if errors is None and n > _MANY:
         # |r0 - A'u| = |R_0 - R_A u| for the triangle R of [A', r0]: the sampler need not visit every run at each step.
         R = np.linalg.qr(np.column_stack([A.T, r0]))[1]
         A, r0 = np.ascontiguousarray(R[:, :p].T), np.asarray(R[:, p])
@@ -141,10 +150,7 @@ def build_target(
             log_sigma = x[:, p]
             square = np.square(r0 - x[:, :p] @ A) * np.exp(-2.0 * log_sigma)[:, None]
             value = half_log_w - n * log_sigma
-            if not student:
-                value -= 0.5 * np.sum(square, axis=1)
-            else:
-                value -= 0.5 * (nu + 1.0) * np.sum(np.log1p(square / nu), axis=1)
+            value += -0.5 * np.sum(square, axis=1) if errors is None else errors.log_likelihood(square)
             value += log_prior(x[:, :p], log_sigma)
             if inner is not None:
                 value[~inner.hold(x[:, :p])] = -np.inf
@@ -158,12 +164,14 @@ def build_target(
     return Target(log_prob, proposal, tail == 1.0 and inner is None, p + 1, unpack, inner)
 
 
-def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: Prior, nu: float) -> ConjugatePosterior:
-    """Conjugate posterior near the target: reweighted for Student-t errors."""
+def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: Prior, errors: Errors | None) -> ConjugatePosterior:
+    """Conjugate posterior near the target: reweighted for other than normal errors."""
     base = posterior(Z, y, w, prior)
-    for _ in range(0 if np.isinf(nu) else 30):
-        residual = w * np.square(y - Z @ base.mean) / max(base.b / base.a, np.finfo(np.float64).tiny)
-        new = posterior(Z, y, w * (nu + 1.0) / (nu + residual), prior)
+    if errors is None:
+        return base
+    for _ in range(30):
+        square = w * np.square(y - Z @ base.mean) / max(base.b / base.a, np.finfo(np.float64).tiny)
+        new = posterior(Z, y, w * errors.share(square), prior)
         change = abs(new.scale - base.scale)
         base = new
         if change < 1e-3 * base.scale:

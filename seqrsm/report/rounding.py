@@ -98,6 +98,13 @@ def format_plus_minus(value: float, uncertainty: float) -> str:
     return f"{format_number(value, decimals)}\u00a0\u00b1\u00a0{format_number(abs(uncertainty), decimals)}"
 
 
+def format_around(low: float, value: float, high: float) -> str:
+    """Format ``value (low to high)``, to the digits that the shorter side supports; ``low`` is never rounded to 0."""
+    decimals = decimals_for(min(value - low, high - value), decimals_of_significant(value, 3))
+    below = format_number(low, max(decimals, decimals_of_significant(low, 1)))
+    return f"{format_number(value, decimals)} ({below} to {format_number(high, decimals)})"
+
+
 def format_range(low: float, high: float, decimals: int | None = None) -> str:
     """Format ``low to high``, to the digits that half their distance supports unless ``decimals`` says otherwise."""
     if math.isnan(low) or math.isnan(high):

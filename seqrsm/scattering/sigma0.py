@@ -3,7 +3,8 @@
 Rules of interpolation, with their measured errors over the published formulas: linear in dB over a 1-degree grid of
 incidence angle (0.12 dB at most), linear in dB over the logarithm of frequency between nodes (1.2 dB rms).
 Extrapolation reaches at most one octave and is assumed: below the lowest node the first slope goes on, above the
-highest half the slope of the straight line through all nodes, since canopies and rough ground saturate.
+highest half the slope of the straight line through all nodes, since canopies and rough ground saturate. Within a tenth
+of an octave of a node a value rests on what that node rests on; its error is the same as further away.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ INTERPOLATION_SD_DB: Final = 1.2
 
 _EXTRAPOLATION_SD_DB: Final = 2.4  # assumed: twice the interpolation's
 _OCTAVE: Final = 2.0
-_AT_NODE_OCTAVES: Final = 0.01
+_AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
 _MOISTURE_RANGE: Final = (0.0, 0.6)
 _OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
 _UNKNOWN_SD_DB: Final = 2.0
@@ -344,6 +345,7 @@ def _at_frequency(
         raise ScatteringDataError(message, remedy, field="frequency", value=frequency_ghz)
     position = np.log2(nodes / frequency_ghz)
     near = int(np.argmin(np.abs(position)))
+    beside = abs(position[near]) < _BESIDE_NODE_OCTAVES
     if abs(position[near]) < _AT_NODE_OCTAVES:
         return value_db[near], 0.0, curve.status[near]
     if nodes[0] < frequency_ghz < nodes[-1]:
@@ -354,10 +356,12 @@ def _at_frequency(
             f"{frequency_ghz:g} GHz interpolated between {nodes[upper - 1]:g} and {nodes[upper]:g} GHz "
             f"(rms error {INTERPOLATION_SD_DB:g} dB)"
         )
-        return value, INTERPOLATION_SD_DB, tuple(map(weakest, zip(*curve.status[upper - 1 : upper + 1], strict=True)))
-    notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz (assumed)")
+        rests_on = [curve.status[near]] if beside else curve.status[upper - 1 : upper + 1]
+        return value, INTERPOLATION_SD_DB, tuple(map(weakest, zip(*rests_on, strict=True)))
+    told = "" if beside else " (assumed)"
+    notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz{told}")
     value = value_db[near] - position[near] * _end_slope(position, value_db, near)
-    return value, _EXTRAPOLATION_SD_DB, ("assumed",) * 3
+    return value, _EXTRAPOLATION_SD_DB, curve.status[near] if beside else ("assumed",) * 3
 
 
 def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArray:

@@ -17,6 +17,7 @@ from seqrsm.score.brightness import retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
 from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
+from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import Sensor
 
@@ -49,7 +50,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     Raises
     ------
     SceneError
-        No scored cell in the image has a cover that shows moisture, or all are as wet.
+        No scored cell in the image has a cover that shows moisture, or all are equally moist.
     """
     days = dict.fromkeys(image.day for image in images)
     dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
@@ -60,7 +61,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
         raise SceneError(text, "Choose another utility, or a scene with bare soil.", field="utility")
     if variance == 0.0:
         remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
-        raise SceneError("all the ground of a run is as moist", remedy, field="utility")
+        raise SceneError("all the ground of a run has the same soil moisture", remedy, field="utility")
     square, se = cluster_ratio(weight * error**2, weight)
     skill = 1.0 - square / variance
     details: dict[str, object] = {
@@ -92,19 +93,16 @@ class _Date(NamedTuple):
 
 def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> _Date:
     """What the images of one date tell of its moisture, beside the truth."""
-    radars = [image for image in images if isinstance(image, RadarImage)]
-    if len(radars) == len(images):
-        sensor: Sensor = radars[0].radar
+    sensors = [image.radar if isinstance(image, RadarImage) else image.radiometer for image in images]
+    refuse_combination(sensors)
+    if isinstance(images[0], RadarImage):
+        radars = [image for image in images if isinstance(image, RadarImage)]
         retrieved, unit = retrieved_fields(radars, scene, seed, run_id)
-    elif isinstance(images[0], RadarImage) or len(images) > 1:
-        text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
-        raise SceneError(text, "Use one campaign for each.", field="utility")
     else:
-        sensor = images[0].radiometer
         retrieved, unit = retrieved_squares(images[0], scene)
     cells, moisture = unit >= 0, images[0].occasion.field_moisture
     own, field = unit[cells], scene.field_id[cells]
-    spread = 0.0 if moisture is None else expected_spread(sensor, scene, own, field)
+    spread = 0.0 if moisture is None else expected_spread(sensors[0], scene, own, field)
     if moisture is None or spread == 0.0:
         return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0, bool(cells.any()))
     weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
@@ -113,6 +111,18 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
     error = retrieved[used] - truth
     level, bias = np.average(truth, weights=weight[used]), float(np.average(error, weights=weight[used]))
     return _Date(weight[used], truth - level, error - bias, bias, spread, True)
+
+
+def refuse_combination(sensors: Sequence[Sensor]) -> None:
+    """Refuse sensors from which moisture on a date is not retrieved together.
+
+    Raises
+    ------
+    SceneError
+    """
+    if len(sensors) > 1 and not all(isinstance(one, RadarConfiguration) for one in sensors):
+        text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
+        raise SceneError(text, "Use one campaign for each.", field="utility")
 
 
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:

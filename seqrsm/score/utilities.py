@@ -38,6 +38,8 @@ class Utility:
         It names covers, by a unit of ground.
     of_covers : bool
         It is about certain covers, which must be named.
+    of_one_kind : bool
+        On each date radars see it, or one radiometer: no combination.
     """
 
     words: str = ""
@@ -47,6 +49,7 @@ class Utility:
     function: str = ""
     classifies: bool = False
     of_covers: bool = False
+    of_one_kind: bool = False
 
 
 def _table() -> Mapping[str, Utility]:

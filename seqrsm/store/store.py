@@ -54,6 +54,11 @@ _NO_DECISIONS = ("running", "released", "scored", "experiment")
 _ISSUED = {"owner": "", "reason": "", "fault": ""}
 
 
+def _place(location: Path | str, url: str | None) -> Path | str:
+    file = STORE_NAME if url is None else url.removeprefix("sqlite:///") if url.startswith("sqlite:///") else ""
+    return Path(location) / file if file else str(url)
+
+
 class _DryRunError(Exception):
     """Leaves a write transaction without writing."""
 
@@ -114,9 +119,13 @@ class Store:
         StoreError
             Missing, not writable, damaged, written by a newer seqrsm, or another campaign's.
         """
-        file = STORE_NAME if url is None else url.removeprefix("sqlite:///") if url.startswith("sqlite:///") else ""
-        place = Path(location) / file if file else str(url)
-        return cls(Database(place, create=create, campaign=campaign), seed)
+        return cls(Database(_place(location, url), create=create, campaign=campaign), seed)
+
+    @staticmethod
+    def exists(location: Path | str, url: str | None) -> bool:
+        """Whether there is a store to open, or a server to ask: who only reads makes none."""
+        place = _place(location, url)
+        return not isinstance(place, Path) or place.exists()
 
     def close(self) -> None:
         """Close all connections."""

@@ -28,6 +28,7 @@ from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
 from seqrsm.fit.ensemble import ENSEMBLES, WALKERS, Sampled, sample_model, sample_posterior
+from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
@@ -79,7 +80,7 @@ def samplers(Z: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> dict[str
     bounds = LinearBounds(np.eye(p)[1:3], np.array([0.0, -np.inf]), np.array([np.inf, 0.0]))
     return {
         "normal errors, flat prior": lambda: sample_posterior(Z, y, seed=1),
-        "Student-t errors": lambda: sample_posterior(Z, y, errors="student_t", nu=NU, seed=1),
+        "Student-t errors": lambda: sample_posterior(Z, y, errors=StudentT(), seed=1),
         "bounded effects of two factors": lambda: sample_posterior(Z, y, bounds=bounds, seed=1),
         "beta-binomial counts": lambda: sample_model(beta_binomial_model(Z, correct, trials, logit), seed=1),
     }

@@ -186,7 +186,7 @@ def test_a_new_campaign_in_a_folder_that_may_not_be_written(readable):
     (readable.parent / "empty").mkdir()
     shutil.copy(readable / "campaign.toml", readable.parent / "empty")
     with as_nobody():
-        says = call("status", readable.parent / "empty", code=2)
+        says = call("propose", readable.parent / "empty", code=2)
     assert "may be written" in says
     assert not (readable.parent / "empty" / STORE_NAME).exists()
 

@@ -118,6 +118,15 @@ def test_a_campaign_without_simulator_is_not_run(tmp_path) -> None:
     assert '"source": "flight"' in proposed.stdout
 
 
+def test_reading_a_new_campaign_leaves_its_folder_as_it_is(tmp_path) -> None:
+    folder = tmp_path / "polder"
+    assert seqrsm("init", folder, "--template", "flevoland").exit_code == 0
+    before = sorted(folder.iterdir())
+    for command in ("status", "fit", "report", "check", "candidates", "export"):
+        seqrsm(command, folder, *([tmp_path / "all.json"] if command == "export" else []))
+        assert sorted(folder.iterdir()) == before, command
+
+
 def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("status", tmp_path / "nowhere"), "nowhere")
     refused(seqrsm("init", tmp_path / "new"), "--template")

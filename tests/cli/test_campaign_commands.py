@@ -15,6 +15,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.analysis.ground import RANKED, Ground
+from seqrsm.campaign import check
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, one_away_tasks, task_of
 from seqrsm.cli.app import app
@@ -251,6 +252,16 @@ def test_texts_for_people(copy) -> None:
         assert "tiny" in text or "cover" in text
     history = ok("status", copy, "--history")
     assert history.count("scored run") >= 20
+
+
+def test_check_tells_of_all_its_simulations(tiny, monkeypatch) -> None:
+    made, told = [], []
+    carry_out = check.carry_out
+    monkeypatch.setattr(check, "carry_out", lambda task: (made.append(task), carry_out(task))[1])
+    check.check_campaign(tiny, lambda done, total: told.append((len(made), total - done)))
+    assert len(made) > check.SPREAD_PROBES
+    assert {simulated for simulated, _ in told} == set(range(len(made)))
+    assert min(left for _, left in told) <= 1
 
 
 def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:

@@ -80,9 +80,8 @@ def exact_by_hand(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
     return at(beta), np.sqrt(np.diag(slopes @ covariance @ slopes.T))
 
 
-def natural(coded: np.ndarray, se: np.ndarray) -> tuple[list[float], list[float]]:
-    frequency = 4.0 * 4.0 ** coded[1]
-    return [5 + 5 * coded[0], frequency], [5 * se[0], np.log(4.0) * frequency * se[1]]
+def natural(coded: np.ndarray) -> list[float]:
+    return [5 + 5 * coded[0], 4.0 * 4.0 ** coded[1]]
 
 
 def test_the_stationary_point_has_standard_errors(folder: Path) -> None:
@@ -91,13 +90,14 @@ def test_the_stationary_point_has_standard_errors(folder: Path) -> None:
     for found in (document, document["exact"]):
         assert list(found["coded"].values()) == pytest.approx(coded, rel=1e-7)
         assert list(found["se"]["coded"].values()) == pytest.approx(se, rel=1e-6)
-        values, errors = natural(coded, se)
-        assert list(found["natural"].values()) == pytest.approx(values, rel=1e-7)
-        assert list(found["se"]["natural"].values()) == pytest.approx(errors, rel=1e-6)
+        assert list(found["natural"].values()) == pytest.approx(natural(coded), rel=1e-7)
+        assert list(found["se"]["low"].values()) == pytest.approx(natural(coded - se), rel=1e-6)
+        assert list(found["se"]["high"].values()) == pytest.approx(natural(coded + se), rel=1e-6)
     assert document["flat"] == [False, False]
     text = told(folder)
     assert "If no curvature is set to zero" not in text
-    assert f"x {values[0]:.2f} ± {errors[0]:.2f}" in text
+    low, value, high = (natural(coded + k * se) for k in (-1, 0, 1))
+    assert f"x {value[0]:.2f} ± {high[0] - value[0]:.2f} and frequency {value[1]:.2f} ({low[1]:.2f} to " in text
 
 
 def test_a_rising_ridge_is_told_with_its_flat_axis_and_without(ridge: tuple[Path, list[dict]]) -> None:
@@ -109,9 +109,9 @@ def test_a_rising_ridge_is_told_with_its_flat_axis_and_without(ridge: tuple[Path
     exact = document["exact"]
     assert list(exact["coded"].values()) == pytest.approx(coded, rel=1e-6)
     assert list(exact["se"]["coded"].values()) == pytest.approx(se, rel=1e-5)
-    values, errors = natural(coded, se)
-    assert list(exact["natural"].values()) == pytest.approx(values, rel=1e-6)
-    assert list(exact["se"]["natural"].values()) == pytest.approx(errors, rel=1e-5)
+    assert list(exact["natural"].values()) == pytest.approx(natural(coded), rel=1e-6)
+    assert list(exact["se"]["low"].values()) == pytest.approx(natural(coded - se), rel=1e-5)
+    assert 0.0 < exact["se"]["low"]["frequency"] < exact["natural"]["frequency"] < exact["se"]["high"]["frequency"]
     assert exact["inside_region"] is bool(np.all(np.abs(coded) <= 1.0))
     assert document["se"]["coded"]["frequency"] < 0.1 * exact["se"]["coded"]["frequency"]
     assert "If no curvature is set to zero, the stationary point lies outside the region at" in " ".join(

@@ -232,8 +232,8 @@ def test_counts_weigh_by_their_binomial_variance(tmp_path: Path) -> None:
     of_quadratic = student.ppf(0.975, 27) * se  # the process that is believed beside it makes it a little wider
     assert 0.98 * of_quadratic < half < 1.3 * of_quadratic
     assert half < 0.8 * equal["optimum"]["prediction"]["half_width"]
-    assert any('weights = "counts"' in text for text in equal["warnings"])
-    assert not any('weights = "counts"' in text for text in found["warnings"])
+    assert any('weights = "counts"' in text for text in equal["notes"])
+    assert not any('weights = "counts"' in text for text in found["notes"])
 
 
 def test_counts_that_are_missing(tmp_path: Path) -> None:
@@ -602,8 +602,13 @@ def test_scores_without_scatter_give_no_intervals(tmp_path: Path) -> None:
     assert "All scores are equal" in text
     assert "no error estimate: the model passes through every score" in text
     assert "70.1 to 70.1" not in text
+    assert [line.split() for line in text.splitlines() if line.startswith("pol[HH]  ")] == [["pol[HH]", "0.00"]]
     found = json.loads(CliRunner().invoke(app, ["fit", str(folder), "--json"]).stdout)
     assert found["optimum"]["prediction"]["half_width"] is None
+    unknown = dict.fromkeys(("se", "t", "p", "low", "high"))
+    assert all(term["coded"] == {"estimate": term["coded"]["estimate"]} | unknown for term in found["terms"])
+    assert all(term["natural"]["se"] is None for term in found["terms"])
+    assert found["covariance"]["lower_triangle"][0] == [None]
     assert not found["stop"]["held"]
     assert "± 0" not in CliRunner().invoke(app, ["status", str(folder)]).stdout
     check = json.loads(CliRunner().invoke(app, ["check", str(folder), "--json"]).stdout)

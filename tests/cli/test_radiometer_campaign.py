@@ -244,6 +244,16 @@ def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
     np.testing.assert_allclose(cells[footprint >= 0], kelvin.ravel()[footprint[footprint >= 0]], rtol=1e-6)
 
 
+def test_sensors_that_moisture_is_not_retrieved_by_together_are_refused_before_any_simulation(folder, monkeypatch):
+    text = TOML.replace('low = 1.4\nhigh = 6.0\nscale = "log"', 'levels = ["L", "C", "L+C"]')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr("seqrsm.campaign.simulation.carry_out", None)
+    for command in ("check", "run"):
+        output = " ".join(call(command, folder, code=2).output.split())
+        assert "not by a combination" in output
+        assert "frequency = L+C" in output
+
+
 def test_an_error_is_made_small_and_has_a_unit(folder):
     text = TOML.replace('utility = "soil_moisture_error"\ngoal = "minimize"', 'utility = "soil_moisture_error"')
     text = text.replace("f1 of Water", "area_error of Water")

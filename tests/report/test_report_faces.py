@@ -26,9 +26,11 @@ from seqrsm.report import write_report
 from seqrsm.report.blocks import (
     Cell,
     Column,
+    Definitions,
     Equation,
     FigureBlock,
     KeyFigures,
+    Panel,
     Paragraph,
     Report,
     Section,
@@ -416,6 +418,27 @@ def test_a_section_follows_a_short_rest_and_else_begins_a_page(words: int, page:
     rest = Section("r", "Second section", (Paragraph("more"),), new_page=True)
     pages = PdfReader(io.BytesIO(render_pdf(Report("Title", "", "state", "1", (summary, rest))))).pages
     assert [i for i, one in enumerate(pages, start=1) if "Second section" in one.extract_text()] == [page]
+
+
+def svg_panel(title: str) -> Panel:
+    return Panel(title, title, lambda: '<svg width="160pt" height="150pt" viewBox="0 0 160 150"></svg>')
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        table("Tall rows", ("Cover", "Rests on"), [[name, "word " * 90] for name in ("first", *"bcdefgh")]),
+        FigureBlock(lambda: tuple(svg_panel(name) for name in ("first", *"bcdef")), "Two rows of panels", columns=3),
+        Definitions(tuple((name, "word " * 90) for name in ("first", *"bcdefgh"))),
+    ],
+    ids=["table", "figure", "definitions"],
+)
+def test_what_is_too_tall_for_the_rest_of_a_page_begins_there_all_the_same(block) -> None:
+    """Else it would leave half of the page empty."""
+    section = Section("s", "Section", (Paragraph("word " * 700), block))
+    first, second = PdfReader(io.BytesIO(render_pdf(Report("Title", "", "state", "1", (section,))))).pages
+    assert "first" in first.extract_text()
+    assert second.extract_text()
 
 
 def test_columns_are_sorted_by_their_numbers_not_by_what_is_shown() -> None:

@@ -12,6 +12,7 @@ from seqrsm.report.rounding import (
     MINUS,
     NOTHING,
     decimals_for,
+    format_around,
     format_number,
     format_p,
     format_percent,
@@ -62,6 +63,11 @@ def test_special_values_are_words_or_signs_never_nan():
     assert format_range(float("nan"), 1.0) == NOTHING
     assert format_p(float("nan")) == NOTHING
     assert format_number(-0.0001, 2) == "0.00"
+
+
+def test_a_value_between_unequal_ends_keeps_the_digits_of_the_nearer_one():
+    assert format_around(1.55, 2.07, 2.76) == "2.1 (1.6 to 2.8)"
+    assert format_around(0.02, 1.04, 54.1) == "1.0 (0.02 to 54.1)"
 
 
 def test_probabilities():

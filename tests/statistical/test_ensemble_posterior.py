@@ -13,6 +13,7 @@ from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
 from seqrsm.fit.ensemble import Sampled
+from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
 from seqrsm.fit.robust import student_draws
 
@@ -127,7 +128,7 @@ def test_student_t_errors_against_quadrature() -> None:
     y = np.array([1.0, 1.4, 0.7, 1.2, 6.0, 0.9])
     w = np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0])
     prior = NormalInverseGamma(np.zeros(1), np.array([[0.1]]), 1.5, 0.7)
-    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=prior, seed=1, min_ess=20_000)
+    sample = sample_posterior(np.ones((6, 1)), y, w, errors=StudentT(), prior=prior, seed=1, min_ess=20_000)
     beta, log_sigma = np.linspace(-3, 7, 801)[:, None], np.linspace(-5, 3, 601)[None, :]
     sigma = np.exp(log_sigma)
     log_density = (
@@ -155,9 +156,19 @@ def test_student_t_errors_against_quadrature() -> None:
     )
 
 
+class NearlyNormal:
+    """Student-t errors of ten million degrees of freedom."""
+
+    def log_likelihood(self, square: np.ndarray) -> np.ndarray:
+        return -0.5 * (1e7 + 1.0) * np.sum(np.log1p(square / 1e7), axis=1)
+
+    def share(self, square: np.ndarray) -> np.ndarray:
+        return (1e7 + 1.0) / (1e7 + square)
+
+
 def test_many_degrees_of_freedom_are_normal_errors() -> None:
     Z, y, w = problem()
-    sample = sample_posterior(Z, y, w, errors="student_t", nu=1e7, seed=2, min_ess=8000)
+    sample = sample_posterior(Z, y, w, errors=NearlyNormal(), seed=2, min_ess=8000)
     assert np.max(np.abs(standard_scores(sample, posterior(Z, y, w)))) < 4.5
 
 
@@ -166,7 +177,7 @@ def test_an_outlier_moves_student_t_errors_less() -> None:
     bad = y.copy()
     bad[3] += 25.0
     clean, flat = posterior(Z, y, w), posterior(Z, bad, w)
-    robust = sample_posterior(Z, bad, w, errors="student_t", seed=3, min_ess=2000)
+    robust = sample_posterior(Z, bad, w, errors=StudentT(), seed=3, min_ess=2000)
     assert np.linalg.norm(robust.draws[:, :-1].mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
 
 
@@ -174,12 +185,12 @@ def test_reproducible_and_alone_with_its_random_numbers() -> None:
     Z, y, w = problem()
     np.random.seed(11)  # noqa: NPY002
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    first = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
+    first = sample_posterior(Z, y, w, errors=StudentT(), seed=9, min_ess=1000)
     after = np.random.get_state()[1]  # noqa: NPY002
     np.testing.assert_array_equal(before, after)
     np.random.seed(12)  # noqa: NPY002
-    second = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
-    other = sample_posterior(Z, y, w, errors="student_t", seed=10, min_ess=1000)
+    second = sample_posterior(Z, y, w, errors=StudentT(), seed=9, min_ess=1000)
+    other = sample_posterior(Z, y, w, errors=StudentT(), seed=10, min_ess=1000)
     np.testing.assert_array_equal(first.draws, second.draws)
     assert not np.array_equal(first.draws[:100], other.draws[:100])
 
@@ -187,7 +198,7 @@ def test_reproducible_and_alone_with_its_random_numbers() -> None:
 def test_not_converged_says_how_far_it_came() -> None:
     Z, y, w = problem()
     with pytest.raises(ConvergenceError, match=r"120 .*autocorrelation time"):
-        sample_posterior(Z, y, w, errors="student_t", seed=1, max_steps=120, min_ess=1e9)
+        sample_posterior(Z, y, w, errors=StudentT(), seed=1, max_steps=120, min_ess=1e9)
 
 
 def test_scores_without_noise_are_refused() -> None:
@@ -205,7 +216,7 @@ def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
     informed = NormalInverseGamma(np.array([0.0, 0.5, 0.0, 0.0]), np.diag([0.0, 2.0, 1.0, 0.5]), 1.5, 2.0)
     for prior in (Flat(), informed):
         beta, sigma, reached = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
-        chain = sample_posterior(Z, y, weights, errors="student_t", prior=prior, nu=4.0, seed=3)
+        chain = sample_posterior(Z, y, weights, errors=StudentT(), prior=prior, seed=3)
         assert reached["r_hat"] < 1.02
         theirs = [*chain.draws[:, :-1].T, np.log(chain.draws[:, -1])]
         for own, other in zip([*beta.T, np.log(sigma)], theirs, strict=True):

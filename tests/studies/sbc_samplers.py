@@ -23,6 +23,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import elicited_prior
 from seqrsm.fit.ensemble import sample_model, sample_posterior
+from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 
@@ -42,7 +43,7 @@ ensemble.WALKERS, ensemble.ENSEMBLES = 32, 2
 def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
-    found = sample_posterior(Z, y, errors="student_t", prior=CONJUGATE, seed=seed)
+    found = sample_posterior(Z, y, errors=StudentT(), prior=CONJUGATE, seed=seed)
     return np.append(beta, sigma), found.draws
 
 

@@ -10,7 +10,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit import canonical
-from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point
+from seqrsm.fit.canonical import canonical_form, stationary_point, within_error
 from seqrsm.fit.least_squares import fit_least_squares
 
 
@@ -133,9 +133,12 @@ def test_standard_errors_of_the_stationary_point_against_draws() -> None:
     np.testing.assert_array_equal(found.se, found.exact_se)
     assert np.isnan(found.se[3])
     natural = np.column_stack([factor.decode(coded[:, j]) for j, factor in enumerate(LOG_AND_LEVELS[:3])])
-    errors = natural_errors(region, found.exact_point, found.exact_se)
-    assert list(errors) == ["x", "f", "d"]
-    assert list(errors.values()) == pytest.approx(natural.std(axis=0), rel=0.03)
+    ends = within_error(region, found.exact_point, found.exact_se)
+    assert list(ends) == ["x", "f", "d"]
+    half_widths = [0.5 * (high - low) for low, high in ends.values()]
+    assert half_widths == pytest.approx(natural.std(axis=0), rel=0.03)
+    wide = within_error(region, np.zeros(4), np.full(4, 3.0))
+    assert wide["f"] == pytest.approx((4.0 / 64.0, 4.0 * 64.0))  # about the middle of 1 to 16: never below 0
 
 
 def test_standard_errors_where_a_flat_axis_is_dropped() -> None:

@@ -15,11 +15,11 @@ from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import posterior, weakly_informative
+from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import AliasedError, fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
-from seqrsm.fit.robust import student_weights
 from seqrsm.fit.transforms import logit_to_percent
 
 
@@ -178,7 +178,7 @@ def test_heavy_tails_do_not_see_the_unit_of_the_scores(unit: float) -> None:
     model, _, points, y = scattered(2, 18)
     y[3] += 40.0
     Z, ones = model.matrix(points), np.ones(18)
-    weights = student_weights(Z, y, ones)
+    weights = StudentT().weights(Z, y, ones)
     assert weights[3] < 0.1 * np.median(weights)
-    np.testing.assert_allclose(student_weights(Z, unit * y, ones), weights, rtol=1e-7)
-    np.testing.assert_array_equal(student_weights(Z, Z @ np.ones(model.p), ones), ones)  # nothing but rounding
+    np.testing.assert_allclose(StudentT().weights(Z, unit * y, ones), weights, rtol=1e-7)
+    np.testing.assert_array_equal(StudentT().weights(Z, Z @ np.ones(model.p), ones), ones)  # nothing but rounding

@@ -89,6 +89,15 @@ def test_status_is_the_weakest() -> None:
     assert TABLE.lookup(["Scrub"], 9.0, "HH").status == ("assumed",)
 
 
+def test_status_within_a_tenth_of_an_octave_is_that_of_the_node() -> None:
+    """1.2 GHz rests on measurements at 1.25 GHz, 5.3 GHz on those at 5.4 GHz; only the error grows at once."""
+    for beside, away, node, sd in ((1.2, 1.1, 1.25, 2.4), (5.3, 4.5, 5.4, 1.2), (5.7, 6.5, 5.4, 1.2)):
+        of_node, near, far = (TABLE.lookup(["Wheat"], f, "VV") for f in (node, beside, away))
+        assert of_node.status == near.status == ("measured",) != far.status
+        assert not any("(assumed)" in note for note in near.notes if f"{beside:g} GHz" in note)
+        np.testing.assert_allclose(near.mean_sd_db, np.hypot(of_node.mean_sd_db, sd), rtol=0.05)
+
+
 @pytest.mark.parametrize("channel", POLARIZATIONS)
 def test_frequency_interpolation_is_linear_in_db_over_log_frequency(channel: str) -> None:
     low, middle, high = (

@@ -220,7 +220,7 @@ def _coefficient_table(analysis: Analysis) -> Table:
     for i, name in enumerate(fit.names):
         estimate, se = float(fit.estimate[i]), float(fit.se[i])
         places = decimals_for(se, decimals_of_significant(estimate, 3))
-        has_draws = i < draws.shape[1] and draws.shape[0] > 1
+        has_draws = i < draws.shape[1] and draws.shape[0] > 1 and math.isfinite(se)
         mean, sd = (float(np.mean(draws[:, i])), float(np.std(draws[:, i], ddof=1))) if has_draws else (math.nan,) * 2
         rows.append(
             (

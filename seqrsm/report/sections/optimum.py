@@ -14,7 +14,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, setting_with_unit
-from seqrsm.fit.canonical import natural_errors
+from seqrsm.fit.canonical import within_error
 from seqrsm.report.blocks import (
     Block,
     Details,
@@ -51,7 +51,7 @@ from seqrsm.report.figures.surfaces import (
     ranked_factors,
     surface,
 )
-from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
+from seqrsm.report.rounding import format_around, format_number, format_plus_minus, format_share, format_significant
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
@@ -264,7 +264,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         else "The fitted surface "
     )
     text += f"has a {stationary.kind} {where} the region at {_place(analysis, stationary.point, stationary.se)}."
-    method = " Values after \u00b1 are standard errors by the delta method."
+    method = " \u00b1 and brackets: one standard error either way, by the delta method on the scale of the factor."
     blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
@@ -285,7 +285,7 @@ def _shape(analysis: Analysis) -> list[Block]:
 
 def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
     """Settings of the numeric factors at a coded point (k,), with their standard errors."""
-    errors, settings = natural_errors(analysis.region, point, se), []
+    ends, settings = within_error(analysis.region, point, se), []
     for index in analysis.region.numeric:
         factor = numeric_factor(analysis, index)
         end = math.copysign(1.0, point[index])
@@ -294,9 +294,13 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
             settings.append(f"{readable(factor.name)} far {'above' if end > 0.0 else 'below'} {bound}")
             continue
         value = float(factor.decode(point[index]))
-        error = errors[factor.name]
-        known = math.isfinite(error) and error > 0.0
-        text = format_plus_minus(value, error) if known else format_significant(value, 3)
+        low, high = ends[factor.name]
+        if not se[index] > 0.0:  # nan where nothing is known of errors
+            text = format_significant(value, 3)
+        elif factor.scale == "linear":
+            text = format_plus_minus(value, high - value)
+        else:
+            text = format_around(low, value, high)
         settings.append(f"{readable(factor.name)} {with_unit(text, factor.unit)}")
     return listing(settings)
 

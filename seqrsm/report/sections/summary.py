@@ -103,6 +103,7 @@ def result_section(
     blocks.append(_key_figures(spec, analysis))
     blocks.append(first_panels(analysis, spec.stop))
     blocks.append(_settings_table(analysis))
+    blocks += [Paragraph(readable_text(text, names), "note") for text in analysis.notes]
     why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
     steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
     basis = (*made, *_rests(spec, analysis, rests))
