@@ -207,8 +207,10 @@ def intervals(
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
     wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    found = tuple(scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True))
-    return float(scale.to_score(first.mean - taken_off)[0]), found
+    found = [scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True)]
+    # Counts that scatter less than counts can: what single runs may score would not hold the mean, see `to_score`.
+    held = tuple(one.around(found[0]) for one in found)
+    return float(scale.to_score(first.mean - taken_off)[0]), held
 
 
 def _mixture_quantile(

@@ -121,9 +121,14 @@ def test_a_future_run_is_never_known_better_than_the_mean(tmp_path: Path) -> Non
         for x in rng.uniform(0.0, 0.3, 9)
     ]
     rows = [{key: row[key] for key in ("x", "score")} for row in rows]
-    best = fit(make(tmp_path / "c", X, rows, '[model]\nerrors = "student_t"\n'))["optimum"]
-    assert best["prediction"]["low"] <= best["prediction_mean"]["low"] <= best["confidence"]["low"]
-    assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
+    heavy = make(tmp_path / "c", X, rows, '[model]\nerrors = "student_t"\n')
+    # All but two of 50 right, or all but none: of so few decisions a run and its probability have different ends.
+    rows = [{"x": x, "n": 50, "correct": 48 + 2 * (2 < x < 8)} for x in np.tile(np.linspace(0.0, 10.0, 6), 3)]
+    model = '[model]\nweights = "counts"\nresponse = "logit"\n'
+    for folder in (heavy, make(tmp_path / "d", X, rows, model, PERCENT)):
+        best = fit(folder)["optimum"]
+        assert best["prediction"]["low"] <= best["prediction_mean"]["low"] <= best["confidence"]["low"]
+        assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
 
 
 def test_random_blocks(tmp_path: Path) -> None:
