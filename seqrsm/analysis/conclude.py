@@ -128,7 +128,7 @@ def analyse(
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
             + effects_left_out(application, posterior)
         ),
-        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s else (),
+        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,

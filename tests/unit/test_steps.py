@@ -58,6 +58,17 @@ def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
         assert step.better == pytest.approx(float(stats.t.cdf(gain / se, fit.df_residual)), abs=0.04)
 
 
+def test_no_step_has_an_interval_where_nothing_tells_the_scatter(tmp_path) -> None:
+    """As many runs as terms: that no other level can be as good would be told of the prior alone."""
+    points = np.array([[-1.0, -1.0, 0], [1.0, 0.5, 1], [-1.0 / 3.0, 1.0, 2], [1.0, -1.0, 0], [-1.0, 0.3, 2]])
+    made = campaign(
+        tmp_path / "c", specification(FACTORS, rest="[model]\norder = 1\n"), points, [5.0, 7.0, 6.0, 9.0, 4.0]
+    )
+    (found,) = made.analyse_all(thorough=True)
+    assert np.isnan(found.fit.s)
+    assert found.steps == ()
+
+
 def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> None:
     """A gain with a normal ground on top: Phi(gain / sd), and the mean of its part above zero."""
     found = analysis(tmp_path)
