@@ -438,6 +438,11 @@ def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     code, _, output = command("fit", folder)  # all runs at one point
     assert code == 2
     assert "5 at these settings would suffice" in " ".join(output.split())
+    assert "order = 1" not in output  # which these runs do not determine either
+    corners = [{"x": x, "frequency": f, "score": 50.0 + x - f} for x in (0.0, 10.0) for f in (1.0, 16.0)]
+    code, _, output = command("fit", make(tmp_path / "d", X + FREQUENCY, corners))
+    assert code == 2
+    assert "or set [model] order = 1." in " ".join(output.split())
 
 
 def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
