@@ -74,8 +74,9 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
         reason = STATED
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
-        reason = "no degrees of freedom remain to separate scatter from surface"
+    if not reason and not fit.s > 0.0:
+        left = "the quadratic passes through every score"
+        reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
     if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:

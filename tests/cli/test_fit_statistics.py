@@ -472,6 +472,8 @@ def test_as_many_runs_as_terms_and_one_more(tmp_path: Path, n: int) -> None:
         matrix(rows)[:6] @ of(found), [row["score"] for row in rows[:6]], rtol=1e-9 if n == 6 else 1.0
     )
     assert found["df_residual"] == n - 6
+    shown = " ".join(command("fit", tmp_path / "c")[1].split())
+    assert ("fewer than three runs have a studentised residual" in shown) == (n == 7)
     if n == 6:
         assert np.isnan(found["s"])
         assert "no residual degrees of freedom" in " ".join(found["warnings"])

@@ -460,7 +460,7 @@ def refused(analysis: Analysis, reason: str) -> None:
         (7, {}, f"with 8 to {MOST_RUNS} runs, and there are 7"),
         (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, and there are {MOST_RUNS + 1}"),
         (6, {}, "no degrees of freedom remain"),
-        (20, {"scores": np.full(20, 70.0)}, "no degrees of freedom remain"),
+        (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
         (
             20,

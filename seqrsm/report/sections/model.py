@@ -300,7 +300,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:
-        reason = no_error_estimate(analysis) or "every run is fitted exactly"
+        reason = no_error_estimate(analysis) or "fewer than three runs have a studentised residual"
         blocks.append(Paragraph(f"No residuals can be examined: {reason}."))
     return Section(f"{key}-diagnostics", "Diagnostics", tuple(blocks))
 
