@@ -167,6 +167,19 @@ class Belief:
             prediction=mixed(of_quadratic.se_prediction, noise),
         )
 
+    def scatter(self, point: FloatArray) -> tuple[float, float]:
+        """Standard deviation of a run of weight 1, and variance of the mean at a coded point (k,) in its square."""
+        at, surface = point[None, :], self.surface
+        s, h = surface.s, float(surface.variance_unscaled(surface.rows(at))[0])
+        process, share = self.departure.believed, self.departure.probability
+        if process is None:
+            return s, h
+        means, variances = process.marginals(at)
+        off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
+        of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
+        square = (1.0 - share) * s**2 + share * float(np.mean(process.noise_variance))
+        return float(np.sqrt(square)), ((1.0 - share) * s**2 * h + share * of_process) / square
+
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -107,7 +107,7 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    decision = _decision(spec, application, fitted, estimate, agreement, known_map)
+    decision = _decision(spec, application, fitted, belief, estimate, agreement, known_map)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
@@ -223,6 +223,7 @@ def _decision(
     spec: CampaignSpec,
     application: ApplicationSpec,
     fitted: Fitted,
+    belief: Belief,
     estimate: OptimumEstimate,
     agreement: Agreement | None,
     known_map: bool,
@@ -231,13 +232,14 @@ def _decision(
     if surface.common_share and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
     lack = fit.lack_of_fit()
+    s, h = belief.scatter(estimate.point)
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=surface.s or math.nan,
+        s=s or math.nan,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
-        h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
+        h=h,
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
