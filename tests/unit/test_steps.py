@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy import stats
 from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.ground import RANKED
 from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.report.figures.optimum import paint_lines
+from seqrsm.report.figures.surfaces import lines_by_level
 
 FACTORS = """
 [[factor]]
@@ -141,3 +144,21 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     levels = opened._other_levels(found, 1, None)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
+
+
+def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(tmp_path) -> None:
+    """A thousandth of its length away from 1 is not -1, where a line of the least value was drawn."""
+    factors = (
+        '[[factor]]\nname = "looks"\nvalues = [1, 4, 16, 64, 256, 1024]\nscale = "log"\n'
+        '[[factor]]\nname = "bands"\nlevels = ["L", "C", "L+C"]\n'
+    )
+    points = np.array([[at, level] for at in np.linspace(-1.0, 1.0, 6) for level in range(3)] * 2)
+    scores = 50.0 - 9.0 * (points[:, 0] - 0.2) ** 2 + np.random.default_rng(1).normal(size=36)
+    (found,) = campaign(tmp_path / "c", specification(factors), points, scores).analyse_all()
+    lines, axes = lines_by_level(found, 0, 1), Figure().add_subplot()
+    paint_lines(found, 1, lines, axes)
+    drawn = axes.get_lines()
+    assert len(drawn) == 3
+    for one, line in zip(drawn, lines, strict=True):
+        np.testing.assert_allclose(np.log(one.get_xdata()), np.log(line.x), atol=0.012 * np.log(1024.0) + 1e-9)
+        np.testing.assert_array_equal(one.get_ydata(), line.mean)
