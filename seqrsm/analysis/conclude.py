@@ -145,7 +145,8 @@ def _steps(
 ) -> tuple[Step, ...]:
     rng = generator(spec.seed, fitted.fit.n_runs, "steps")
     here = sds_of_levels(ranked, fitted.application.name, estimate.settings)
-    return steps_of(belief, fitted.scale, estimate.point, estimate.optimism, spec.stop.level, draws, here, rng)
+    limits, level = fitted.application.score_limits, spec.stop.level
+    return steps_of(belief, fitted.scale, limits, estimate.point, estimate.optimism, level, draws, here, rng)
 
 
 def _estimate(

@@ -162,3 +162,16 @@ def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(
     for one, line in zip(drawn, lines, strict=True):
         np.testing.assert_allclose(np.log(one.get_xdata()), np.log(line.x), atol=0.012 * np.log(1024.0) + 1e-9)
         np.testing.assert_array_equal(one.get_ydata(), line.mean)
+
+
+def test_a_gain_is_the_difference_of_scores_that_there_can_be(tmp_path) -> None:
+    """By the fit alone C scores 115 percent, and L is told to be 50 below an optimum of 100 at a mean of 65."""
+    factors = '[[factor]]\nname = "x"\nlow = -1\nhigh = 1\n[[factor]]\nname = "bands"\nlevels = ["L", "C"]\n'
+    points = np.tile([[-1.0, 0.0], [1.0, 0.0], [-1.0, 1.0], [1.0, 1.0]], (4, 1))
+    scores = np.tile([0.5, 80.0, 80.0, 99.5], 4) + np.random.default_rng(3).uniform(-0.5, 0.5, 16)
+    text = specification(factors, rest="[model]\norder = 1\n").replace('"measured"', '"percent_correct"')
+    (found,) = campaign(tmp_path / "c", text, points, scores).analyse_all(thorough=True)
+    (step,) = found.steps
+    assert found.optimum.mean == 100.0
+    assert step.gain == pytest.approx(step.mean - 100.0)
+    assert -100.0 <= step.interval.low <= step.gain <= step.interval.high
