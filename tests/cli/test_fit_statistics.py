@@ -457,6 +457,14 @@ def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(shares["frequency"], 0.0, atol=1e-9)
 
 
+def test_shares_of_variance_say_what_they_are_taken_over(tmp_path: Path) -> None:
+    """A constraint makes factors dependent: shares are those of the box."""
+    whole = make(tmp_path / "c", X + FREQUENCY, quadratic())
+    cut = make(tmp_path / "d", X + FREQUENCY, quadratic(), '[[constraint]]\nexpr = "x + frequency <= 20"\n')
+    for folder, over in ((whole, "the region, alone"), (cut, "all ranges, constraints left out, alone")):
+        assert f"surface's variance over {over}" in " ".join(command("fit", folder)[1].split())
+
+
 EXTREME_DESIGN = [(0, 1), (10, 1), (0, 16), (10, 16), (5, 4), (5, 1), (5, 16), (0, 4), (10, 4), (5, 4), (2, 8), (7, 2)]
 
 

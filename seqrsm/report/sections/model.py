@@ -288,7 +288,8 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     columns: tuple[Head, ...] = ("Factor", *map(right, ("df", "F", "p", "Main effect", "Total effect")))
     caption = (
         "Factors in order of importance. Main and total effect: the factor's share of the fitted surface's variance "
-        "over the region, alone and with its interactions"
+        f"over {'the region' if analysis.region.is_box else 'all ranges, constraints left out'}, alone and with its "
+        "interactions"
     )
     blocks.append(table(caption, columns, cells, sortable=True))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
