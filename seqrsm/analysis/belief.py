@@ -62,6 +62,11 @@ class Departure:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None
 
+    def sd_of_run(self, s: float) -> float:
+        """Standard deviation of a run of weight 1, ``s`` about the quadratic, which holds what the quadratic misses."""
+        noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance))
+        return float(np.sqrt((1.0 - self.probability) * s**2 + self.probability * noise))
+
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
@@ -177,8 +182,8 @@ class Belief:
         means, variances = process.marginals(at)
         off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
         of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
-        square = (1.0 - share) * s**2 + share * float(np.mean(process.noise_variance))
-        return float(np.sqrt(square)), ((1.0 - share) * s**2 * h + share * of_process) / square
+        both = self.departure.sd_of_run(s)
+        return both, ((1.0 - share) * s**2 * h + share * of_process) / both**2
 
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
