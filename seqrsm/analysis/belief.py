@@ -62,6 +62,11 @@ class Departure:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None
 
+    def sd_of_run(self, s: float) -> float:
+        """Standard deviation of a run of weight 1, ``s`` about the quadratic, which holds what the quadratic misses."""
+        noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance))
+        return float(np.sqrt((1.0 - self.probability) * s**2 + self.probability * noise))
+
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
@@ -74,8 +79,9 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
         reason = STATED
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
-        reason = "no degrees of freedom remain to separate scatter from surface"
+    if not reason and not fit.s > 0.0:
+        left = "the quadratic passes through every score"
+        reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
     if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
@@ -166,6 +172,19 @@ class Belief:
             prediction=mixed(of_quadratic.se_prediction, noise),
         )
 
+    def scatter(self, point: FloatArray) -> tuple[float, float]:
+        """Standard deviation of a run of weight 1, and variance of the mean at a coded point (k,) in its square."""
+        at, surface = point[None, :], self.surface
+        s, h = surface.s, float(surface.variance_unscaled(surface.rows(at))[0])
+        process, share = self.departure.believed, self.departure.probability
+        if process is None:
+            return s, h
+        means, variances = process.marginals(at)
+        off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
+        of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
+        both = self.departure.sd_of_run(s)
+        return both, ((1.0 - share) * s**2 * h + share * of_process) / both**2
+
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -207,8 +226,10 @@ def intervals(
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
     wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    found = tuple(scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True))
-    return float(scale.to_score(first.mean - taken_off)[0]), found
+    found = [scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True)]
+    # Counts that scatter less than counts can: what single runs may score would not hold the mean, see `to_score`.
+    held = tuple(one.around(found[0]) for one in found)
+    return float(scale.to_score(first.mean - taken_off)[0]), held
 
 
 def _mixture_quantile(

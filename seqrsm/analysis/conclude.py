@@ -107,7 +107,7 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    decision = _decision(spec, application, fitted, estimate, agreement, known_map)
+    decision = _decision(spec, application, fitted, belief, estimate, agreement, known_map)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
@@ -128,7 +128,7 @@ def analyse(
             _notes(spec, application, fitted)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
-        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s else (),
+        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         thorough=thorough,
@@ -145,7 +145,8 @@ def _steps(
 ) -> tuple[Step, ...]:
     rng = generator(spec.seed, fitted.fit.n_runs, "steps")
     here = sds_of_levels(ranked, fitted.application.name, estimate.settings)
-    return steps_of(belief, fitted.scale, estimate.point, estimate.optimism, spec.stop.level, draws, here, rng)
+    limits, level = fitted.application.score_limits, spec.stop.level
+    return steps_of(belief, fitted.scale, limits, estimate.point, estimate.optimism, level, draws, here, rng)
 
 
 def _estimate(
@@ -223,6 +224,7 @@ def _decision(
     spec: CampaignSpec,
     application: ApplicationSpec,
     fitted: Fitted,
+    belief: Belief,
     estimate: OptimumEstimate,
     agreement: Agreement | None,
     known_map: bool,
@@ -231,13 +233,14 @@ def _decision(
     if surface.common_share and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
     lack = fit.lack_of_fit()
+    s, h = belief.scatter(estimate.point)
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=surface.s or math.nan,
+        s=s or math.nan,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
-        h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
+        h=h,
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,

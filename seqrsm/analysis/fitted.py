@@ -94,7 +94,7 @@ def fit_application(
     if "flight" in data.sources:  # over the real ground
         ground = None
     elif ground is not None and scale.kind == "identity" and fit.df_residual:
-        ground = ground.beside(fit.s, fit.df_residual)
+        ground = ground.beside(departure.sd_of_run(fit.s), fit.df_residual)
     return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
 
 
@@ -137,17 +137,17 @@ def _remedy(
 ) -> str:
     """Runs that would make every term estimable, in words; or why none would."""
     missing, unresolved = missing_runs(model, region, data.points)
+    missing_of_first, unresolved_of_first = missing_runs(QuadraticModel(region.factors, 1), region, data.points)
+    plain = model.order == 2 and not unresolved_of_first and (bool(unresolved) or not len(missing_of_first))
+    or_plain = ", or set [model] order = 1." if plain else "."
     if unresolved:
-        return (
-            f"No run in the region separates {', '.join(unresolved)}: change the factors or constraints, "
-            "or set [model] order = 1."
-        )
+        return f"No run in the region separates {', '.join(unresolved)}: change the factors or constraints{or_plain}"
     if not len(missing):
         least = max(n_short, n_aliased)
         if n_aliased:
             return "Blocks and settings are confounded: repeat settings of one block in another, or omit blocks."
-        return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
+        return f"{start}: at least {least} more (`seqrsm propose` names good ones){or_plain}"
     shown = "; ".join(settings_text(region.factors, settings) for settings in region.decode(missing[:LISTED_RUNS]))
     count = len(missing)
     more = f" and {count - LISTED_RUNS} more (`seqrsm propose` names them)" if count > LISTED_RUNS else ""
-    return f"{start}; {count} at these settings would suffice: {shown}{more}. Or set [model] order = 1."
+    return f"{start}; {count} at these settings would suffice: {shown}{more}{or_plain}"

@@ -55,6 +55,7 @@ class Step:
 def steps_of(
     belief: Belief,
     scale: ResponseScale,
+    limits: tuple[float, float],
     point: FloatArray,
     optimism: float,
     level: float,
@@ -68,6 +69,8 @@ def steps_of(
     ----------
     belief : Belief
     scale : ResponseScale
+    limits : tuple of float
+        Ends that no score can leave.
     point : ndarray (k,)
         Recommended settings, coded.
     optimism : float
@@ -101,10 +104,11 @@ def steps_of(
         points[:, j] = coded
         feasible = belief.region.feasible(points)
         chosen = np.isclose(coded, point[j])
-        parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
+        drawn = joint_draws(belief, points, terms, rng)
+        parts = [(np.clip(scale.to_score(one), *limits), share) for one, share in drawn]
         sign, mean = sign_of(belief.goal), scale.to_score(belief.mean(points))
         most = np.min(sign * (mean[chosen] - optimism), initial=np.inf)
-        mean = sign * np.minimum(sign * mean, most)
+        mean = np.clip(sign * np.minimum(sign * mean, most), *limits)
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]

@@ -190,6 +190,7 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, A
         "natural": natural,
         "coded": dict(zip(region.names, point.tolist(), strict=True)),
         "se": {
+            "natural": {name: 0.5 * (high - low) for name, (low, high) in ends.items()},
             "coded": {region.names[j]: float(se[j]) for j in region.numeric},
             "low": {name: low for name, (low, _) in ends.items()},
             "high": {name: high for name, (_, high) in ends.items()},

@@ -307,8 +307,9 @@ def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | N
 
 def _bilinear_rows(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
     rows, cols = raster.values.shape
-    c = np.clip((x - raster.left) / raster.step_x - 0.5, 0.0, cols - 1.0)
-    r = np.clip((raster.top - y) / raster.step_y - 0.5, 0.0, rows - 1.0)
+    # Rounded, or a place a rounding error off a cell's centre would ask its neighbour, which may be without data.
+    c = np.clip(np.round((x - raster.left) / raster.step_x - 0.5, 6), 0.0, cols - 1.0)
+    r = np.clip(np.round((raster.top - y) / raster.step_y - 0.5, 6), 0.0, rows - 1.0)
     i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
     fr, fc = (r - i)[:, None], (c - j)[None, :]
     out = np.zeros((len(y), len(x)))
@@ -321,7 +322,6 @@ def _bilinear_rows(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
                 part[found == raster.nodata] = np.nan
             if (raster.scale, raster.offset) != (1.0, 0.0):
                 part = part * raster.scale + raster.offset
-            # A neighbour without weight may be without data.
             out += np.where(weight > 0.0, weight * part, 0.0)
     return out
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ class Utility:
         What it is, in a line.
     unit : str
         Of the scores; "" where they have none.
+    least, most : float
+        Ends that no score can leave; infinite where there are none.
     is_percent : bool
         Scores are percentages from 0 to 100.
     is_error : bool
@@ -44,6 +47,8 @@ class Utility:
 
     words: str = ""
     unit: str = ""
+    least: float = -math.inf
+    most: float = math.inf
     is_percent: bool = False
     is_error: bool = False
     function: str = ""
@@ -58,7 +63,8 @@ def _table() -> Mapping[str, Utility]:
     with (Path(__file__).parent / "data" / "utilities.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             traits: dict[str, Any] = dict.fromkeys(row["traits"].split(), True)
-            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], **traits)
+            ends = float(row["least"] or -math.inf), float(row["most"] or math.inf)
+            found[row["name"]] = Utility(row["words"], row["unit"], *ends, function=row["function"], **traits)
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import math
 import re
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -191,7 +190,7 @@ class ApplicationSpec(Table):
     @property
     def score_limits(self) -> tuple[float, float]:
         """Least and largest score that there can be; infinite where the utility has no such ends."""
-        return (0.0, 100.0) if self.is_percent else (-math.inf, math.inf)
+        return self._row.least, self._row.most
 
     @property
     def score_unit(self) -> str:

@@ -136,8 +136,12 @@ def test_equal_scores_everywhere(tmp_path) -> None:
 def test_one_wild_score(tmp_path) -> None:
     """400 standard deviations off, in the start design: Student-t errors recover at every look and in the fit."""
     folder = make(tmp_path / "c", numeric(2), "half_width = 3.0", '[model]\nerrors = "student_t"\n')
-    fly(folder, lambda row, number: 500.0 if number == 3 else bowl(row, number), 4)
+    flown = fly(folder, lambda row, number: 500.0 if number == 3 else bowl(row, number), 4)
     found = fitted(folder)
+    told = " ".join(call("fit", folder).stdout.split())
+    assert "a run far from the surface counts for less here" in told
+    assert f"count for less than a quarter of one on the surface: run {flown[3]['run_id']}." in told
+    assert "No run is an outlier" not in told
     assert found["optimum"]["settings"]["x0"] == pytest.approx(0.2, abs=0.3)
     assert found["optimum"]["prediction"]["half_width"] < 6.0
     assert found["optimum"]["mean"] == pytest.approx(80.0, abs=2.0)

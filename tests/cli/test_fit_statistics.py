@@ -121,9 +121,14 @@ def test_a_future_run_is_never_known_better_than_the_mean(tmp_path: Path) -> Non
         for x in rng.uniform(0.0, 0.3, 9)
     ]
     rows = [{key: row[key] for key in ("x", "score")} for row in rows]
-    best = fit(make(tmp_path / "c", X, rows, '[model]\nerrors = "student_t"\n'))["optimum"]
-    assert best["prediction"]["low"] <= best["prediction_mean"]["low"] <= best["confidence"]["low"]
-    assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
+    heavy = make(tmp_path / "c", X, rows, '[model]\nerrors = "student_t"\n')
+    # All but two of 50 right, or all but none: of so few decisions a run and its probability have different ends.
+    rows = [{"x": x, "n": 50, "correct": 48 + 2 * (2 < x < 8)} for x in np.tile(np.linspace(0.0, 10.0, 6), 3)]
+    model = '[model]\nweights = "counts"\nresponse = "logit"\n'
+    for folder in (heavy, make(tmp_path / "d", X, rows, model, PERCENT)):
+        best = fit(folder)["optimum"]
+        assert best["prediction"]["low"] <= best["prediction_mean"]["low"] <= best["confidence"]["low"]
+        assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
 
 
 def test_random_blocks(tmp_path: Path) -> None:
@@ -433,6 +438,11 @@ def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     code, _, output = command("fit", folder)  # all runs at one point
     assert code == 2
     assert "5 at these settings would suffice" in " ".join(output.split())
+    assert "order = 1" not in output  # which these runs do not determine either
+    corners = [{"x": x, "frequency": f, "score": 50.0 + x - f} for x in (0.0, 10.0) for f in (1.0, 16.0)]
+    code, _, output = command("fit", make(tmp_path / "d", X + FREQUENCY, corners))
+    assert code == 2
+    assert "or set [model] order = 1." in " ".join(output.split())
 
 
 def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
@@ -445,6 +455,14 @@ def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
     shares = {row["factor"]: (row["share"], row["share_total"]) for row in found["factors_importance"]}
     np.testing.assert_allclose(shares["x"], 1.0, atol=1e-9)
     np.testing.assert_allclose(shares["frequency"], 0.0, atol=1e-9)
+
+
+def test_shares_of_variance_say_what_they_are_taken_over(tmp_path: Path) -> None:
+    """A constraint makes factors dependent: shares are those of the box."""
+    whole = make(tmp_path / "c", X + FREQUENCY, quadratic())
+    cut = make(tmp_path / "d", X + FREQUENCY, quadratic(), '[[constraint]]\nexpr = "x + frequency <= 20"\n')
+    for folder, over in ((whole, "the region, alone"), (cut, "all ranges, constraints left out, alone")):
+        assert f"surface's variance over {over}" in " ".join(command("fit", folder)[1].split())
 
 
 EXTREME_DESIGN = [(0, 1), (10, 1), (0, 16), (10, 16), (5, 4), (5, 1), (5, 16), (0, 4), (10, 4), (5, 4), (2, 8), (7, 2)]
@@ -462,6 +480,8 @@ def test_as_many_runs_as_terms_and_one_more(tmp_path: Path, n: int) -> None:
         matrix(rows)[:6] @ of(found), [row["score"] for row in rows[:6]], rtol=1e-9 if n == 6 else 1.0
     )
     assert found["df_residual"] == n - 6
+    shown = " ".join(command("fit", tmp_path / "c")[1].split())
+    assert ("fewer than three runs have a studentised residual" in shown) == (n == 7)
     if n == 6:
         assert np.isnan(found["s"])
         assert "no residual degrees of freedom" in " ".join(found["warnings"])

@@ -199,3 +199,11 @@ def test_confirmation_runs_are_rehearsed(tmp_path: Path) -> None:
     numbers = rehearsed(replace(spec, stop=stop), analysis, 6)[0]["numbers"]
     assert numbers["stopped"] >= 0.5
     assert 16 <= numbers["runs_p10"] <= numbers["runs_median"] < 30
+
+
+def test_a_campaign_that_may_be_no_better_than_a_guess_does_not_stop_in_rehearsal_either(tmp_path: Path) -> None:
+    spec, analysis = known(tmp_path, hill)
+    for guess, stopped in ((40.0, True), (79.0, False)):
+        data = replace(analysis.data, guess=guess)
+        numbers = rehearsed(spec, replace(analysis, fitted=replace(analysis.fitted, data=data)), 4)[0]["numbers"]
+        assert (numbers["stopped"] > 0.4) is stopped

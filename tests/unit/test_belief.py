@@ -99,6 +99,33 @@ def distribution(belief: Belief, at: int, points: np.ndarray, kind: str, m: int 
     return of
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_scatter_of_a_run_and_doubt_about_the_mean_are_those_of_the_mixture(narrow: Analysis, share: float) -> None:
+    belief, process, surface = believed(narrow, share), narrow.fitted.departure.process, narrow.fitted.surface
+    assert process is not None
+    (means, variances), row = process.marginals(AT[:1]), surface.rows(AT[:1])
+    noise = process.noise_variance
+    rng, n = np.random.default_rng(4), 400_000
+    d = rng.integers(len(noise), size=n)
+    chosen = rng.random(n) < share
+    sd = np.where(chosen, np.sqrt(variances[d, 0]), surface.s * np.sqrt(surface.variance_unscaled(row)[0]))
+    drawn = np.where(chosen, means[d, 0], (row @ surface.estimate)[0]) + sd * rng.standard_normal(n)
+    s, h = belief.scatter(AT[0])
+    assert s**2 == pytest.approx(share * noise.mean() + (1.0 - share) * surface.s**2)
+    assert s**2 * h == pytest.approx(np.var(drawn), rel=0.02)
+
+
+def test_the_floor_is_the_scatter_of_runs_and_not_what_the_quadratic_misses(tmp_path: Path) -> None:
+    """A step, and repeats that agree: the target was told to be below a floor of 12 that no run can lower."""
+    points = np.repeat(np.linspace(-1.0, 1.0, 9)[:, None], 3, axis=0)
+    scores = np.where(points[:, 0] > 0.1, 90.0, 50.0) + 0.5 * NOISE[:27]
+    found = analysed(tmp_path / "c", specification(numeric(1)), points, scores)
+    assert found.fit.s > 5.0
+    assert found.fitted.departure.probability > 0.9
+    assert found.decision.noise_floor < 4.0 < found.decision.half_width
+    assert not any("noise floor" in text for text in found.decision.reasons)
+
+
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 1.0])
 @pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
 def test_ends_are_where_the_mixtures_distribution_function_says(narrow: Analysis, share: float, level: float) -> None:
@@ -460,7 +487,7 @@ def refused(analysis: Analysis, reason: str) -> None:
         (7, {}, f"with 8 to {MOST_RUNS} runs, and there are 7"),
         (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, and there are {MOST_RUNS + 1}"),
         (6, {}, "no degrees of freedom remain"),
-        (20, {"scores": np.full(20, 70.0)}, "no degrees of freedom remain"),
+        (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
         (
             20,

@@ -227,3 +227,21 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
     low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
     assert low.decision.held
     assert not with_ends(tmp_path / "high", scores, "minimize", guess=10.0, perfect=0.0).decision.held
+
+
+def test_no_edge_is_widened_that_has_nothing_beyond(tmp_path: Path) -> None:
+    """Of four headings none is higher than the highest; of a campaign without a simulator nothing is known."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, 60.0 + 5.0 * POINTS[:, 0] + 0.1 * NOISE)
+    (found,) = made.analyse_all()
+    best = replace(
+        found.optimum,
+        settings={"heading_deg": 0.0, "integration_time": 10.0},
+        at_bound=("heading_deg (low)", "integration_time (high)", "constraint x0 <= 0.5"),
+    )
+    for simulator, edge in (
+        (None, "heading_deg (low), integration_time (high) and"),
+        ("prm", "integration_time (high) and"),
+    ):
+        spec = replace(made.spec, simulator=simulator and SimpleNamespace(engine=simulator))
+        (told,) = [step for step in _next_steps(spec, replace(found, optimum=best)) if step.startswith("Consider")]
+        assert told.endswith(f"its edge, {edge} constraint x0 <= 0.5.")

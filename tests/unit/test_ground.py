@@ -128,6 +128,23 @@ def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
     assert np.sqrt(np.mean(np.square(difference))) == pytest.approx(5.0, rel=0.02)
 
 
+def test_what_the_quadratic_misses_is_no_ground(tmp_path: Path) -> None:
+    """Over a step, table uncertainty was told as 7, beside a true one of 2."""
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
+    spec, rng = load_spec(tmp_path), np.random.default_rng(3)
+
+    def score(points: np.ndarray) -> list[NewScore]:
+        scatter = np.hypot(2.0, 1.0) * rng.standard_normal(len(points))
+        return [NewScore("a", float(y)) for y in 60.0 + 20.0 * np.tanh(20.0 * (points[:, 0] - 0.3)) + scatter]
+
+    spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 1e-9}))
+    found, _ = make_campaign(spec, "simulation", score, n_draws=50, ground=ground_of_scores(bundle(rng, 2.0, 1.0)))
+    assert found.fitted.departure.probability > 0.99
+    assert found.fit.s > 5.0
+    assert found.fitted.ground is not None
+    assert found.fitted.ground.sd_ground == pytest.approx(2.0, abs=1.0)
+
+
 def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) -> None:
     """300 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")

@@ -86,6 +86,18 @@ def test_coarser_cells_and_gaps(files, tmp_path):
     assert not scene.scored[5, 6]
 
 
+def test_cells_of_an_odd_size_lose_no_more_than_the_gap(tmp_path):
+    """Their centres are no round numbers: cells right of a gap and below it were without an elevation, too."""
+    (tmp_path / "legend.csv").write_text(LEGEND, encoding="utf-8")
+    z = np.random.default_rng(1).uniform(20.0, 40.0, (50, 60)).astype(np.float32)
+    z[20:24, 30:36] = np.nan
+    place = {"step": 7.3, "left": 600000.0, "top": 5600000.0}
+    elevation = write(tmp_path / "z.tif", z, **place)
+    cover = write(tmp_path / "c.tif", np.ones(z.shape, np.uint8), **place)
+    scene = import_scene(elevation=elevation, cover=cover, legend=tmp_path / "legend.csv")
+    np.testing.assert_allclose(scene.elevation_m, z, atol=1e-4)
+
+
 def test_a_raster_of_temperature_becomes_a_layer(files, tmp_path):
     i, j = np.mgrid[0:80, 0:90]
     kelvin = (290.0 + 0.05 * (4.0 * j + 2.0) + 0.02 * (4.0 * i + 2.0)).astype(np.float32)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy import stats
 from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.ground import RANKED
 from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.report.figures.optimum import paint_lines
+from seqrsm.report.figures.surfaces import lines_by_level
 
 FACTORS = """
 [[factor]]
@@ -56,6 +59,17 @@ def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
         wanted = gain - half - max(off, 0.0), gain + half - min(off, 0.0)
         assert (step.interval.low, step.interval.high) == pytest.approx(wanted, abs=0.1 * half)
         assert step.better == pytest.approx(float(stats.t.cdf(gain / se, fit.df_residual)), abs=0.04)
+
+
+def test_no_step_has_an_interval_where_nothing_tells_the_scatter(tmp_path) -> None:
+    """As many runs as terms: that no other level can be as good would be told of the prior alone."""
+    points = np.array([[-1.0, -1.0, 0], [1.0, 0.5, 1], [-1.0 / 3.0, 1.0, 2], [1.0, -1.0, 0], [-1.0, 0.3, 2]])
+    made = campaign(
+        tmp_path / "c", specification(FACTORS, rest="[model]\norder = 1\n"), points, [5.0, 7.0, 6.0, 9.0, 4.0]
+    )
+    (found,) = made.analyse_all(thorough=True)
+    assert np.isnan(found.fit.s)
+    assert found.steps == ()
 
 
 def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> None:
@@ -130,3 +144,34 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     levels = opened._other_levels(found, 1, None)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
+
+
+def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(tmp_path) -> None:
+    """A thousandth of its length away from 1 is not -1, where a line of the least value was drawn."""
+    factors = (
+        '[[factor]]\nname = "looks"\nvalues = [1, 4, 16, 64, 256, 1024]\nscale = "log"\n'
+        '[[factor]]\nname = "bands"\nlevels = ["L", "C", "L+C"]\n'
+    )
+    points = np.array([[at, level] for at in np.linspace(-1.0, 1.0, 6) for level in range(3)] * 2)
+    scores = 50.0 - 9.0 * (points[:, 0] - 0.2) ** 2 + np.random.default_rng(1).normal(size=36)
+    (found,) = campaign(tmp_path / "c", specification(factors), points, scores).analyse_all()
+    lines, axes = lines_by_level(found, 0, 1), Figure().add_subplot()
+    paint_lines(found, 1, lines, axes)
+    drawn = axes.get_lines()
+    assert len(drawn) == 3
+    for one, line in zip(drawn, lines, strict=True):
+        np.testing.assert_allclose(np.log(one.get_xdata()), np.log(line.x), atol=0.012 * np.log(1024.0) + 1e-9)
+        np.testing.assert_array_equal(one.get_ydata(), line.mean)
+
+
+def test_a_gain_is_the_difference_of_scores_that_there_can_be(tmp_path) -> None:
+    """By the fit alone C scores 115 percent, and L is told to be 50 below an optimum of 100 at a mean of 65."""
+    factors = '[[factor]]\nname = "x"\nlow = -1\nhigh = 1\n[[factor]]\nname = "bands"\nlevels = ["L", "C"]\n'
+    points = np.tile([[-1.0, 0.0], [1.0, 0.0], [-1.0, 1.0], [1.0, 1.0]], (4, 1))
+    scores = np.tile([0.5, 80.0, 80.0, 99.5], 4) + np.random.default_rng(3).uniform(-0.5, 0.5, 16)
+    text = specification(factors, rest="[model]\norder = 1\n").replace('"measured"', '"percent_correct"')
+    (found,) = campaign(tmp_path / "c", text, points, scores).analyse_all(thorough=True)
+    (step,) = found.steps
+    assert found.optimum.mean == 100.0
+    assert step.gain == pytest.approx(step.mean - 100.0)
+    assert -100.0 <= step.interval.low <= step.gain <= step.interval.high

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
@@ -34,6 +35,11 @@ def test_the_specification_knows_goal_and_unit_by_the_row(name: str) -> None:
     bounded = ("percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection")
     assert application.is_percent == (name in bounded)
     assert (application.score_unit == "percent") == (name in (*bounded, "area_error"))
+    ends = dict.fromkeys(bounded, (0.0, 100.0)) | dict.fromkeys(("kappa", "correlation"), (-1.0, 1.0))
+    ends |= {"soil_moisture_skill": (-math.inf, 1.0)} | dict.fromkeys(
+        ("soil_moisture_error", "area_error"), (0.0, math.inf)
+    )
+    assert application.score_limits == ends.get(name, (-math.inf, math.inf))
 
 
 def test_a_utility_is_asked_for_in_words() -> None:

@@ -142,26 +142,18 @@ def paint_slice(analysis: Analysis, line: Line, scores: tuple[float, float], axe
 
 
 def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes: Axes) -> None:
-    """Draw the fitted mean along a numeric factor with its confidence intervals, a line for each level of another."""
+    """Draw the fitted mean at a numeric factor's values with its confidence intervals, a line for each other level."""
     factor = numeric_factor(analysis, lines[0].index)
     levels = analysis.region.factors[category]
     assert isinstance(levels, CategoricalFactor)
     labels = level_labels(levels)
-    # Side by side, so that intervals can be told apart.
-    apart = 0.012 * (float(np.max(lines[0].x)) - float(np.min(lines[0].x)))
     for place, (one, label) in enumerate(zip(lines, labels, strict=True)):
-        x = one.x + apart * (place - 0.5 * (len(lines) - 1))
-        color = drawing.SERIES[place % len(drawing.SERIES)]
+        # Side by side on the axis, which may be logarithmic, so that intervals can be told apart.
+        x = factor.decode(factor.code(one.x) + 0.024 * (place - 0.5 * (len(lines) - 1)))
+        color, low, high = drawing.SERIES[place % len(drawing.SERIES)], one.confidence.low, one.confidence.high
+        axes.vlines(x[one.allowed], low[one.allowed], high[one.allowed], color=color, clip_on=False)
         mean = np.where(one.allowed, one.mean, np.nan)
-        if isinstance(factor, DiscreteFactor):
-            ends = one.confidence.low[one.allowed], one.confidence.high[one.allowed]
-            axes.vlines(x[one.allowed], *ends, color=color, clip_on=False)
-        else:
-            axes.fill_between(
-                x, one.confidence.low, one.confidence.high, where=one.allowed, color=color, alpha=0.2, linewidth=0
-            )
-        marker = "o" if isinstance(factor, DiscreteFactor) else None
-        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24), clip_on=False)
+        axes.plot(x, mean, color=color, marker="o", markersize=3.5, label=shortened(label, 24), clip_on=False)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     axes.legend(frameon=False, fontsize=7)

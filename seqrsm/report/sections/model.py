@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.study import TermTest
+from seqrsm.arrays import FloatArray
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import OUTLIER, extrapolated, influential_runs, normal_plot, outlier_p
 from seqrsm.plain import counted
@@ -79,6 +80,8 @@ PARTIAL_F_EQUATION = Equation(
 
 MAX_INFLUENCE_ROWS = 10
 MAX_NAMED = 3
+_WILD = 0.25
+"""Share of the full weight below which a score is called wild: about 3.5 standard deviations off."""
 
 
 def model_section(analysis: Analysis, key: str) -> Section:
@@ -127,7 +130,15 @@ def _weights_text(analysis: Analysis) -> str:
         found = f"Runs are weighted by 1/se\u00b2; a future run has the median se, {usual}."
     else:
         found = "All scores are taken to scatter alike in percent." if scale.kind == "logit" else ""
-    return f"{found} " if found else ""
+    if np.min(_share_counted(analysis)) < 1.0 - 1e-9:
+        found += f" Errors are {analysis.fitted.surface.errors.words}: a run far from the surface counts for less here."
+    return f"{found.lstrip()} " if found else ""
+
+
+def _share_counted(analysis: Analysis) -> FloatArray:
+    """What its error leaves of the weight of each run (n,), of a run on the surface 1."""
+    share = analysis.fit.weights / analysis.scale.weights
+    return np.asarray(share / np.max(share))
 
 
 def _unit(analysis: Analysis) -> str:
@@ -277,7 +288,8 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     columns: tuple[Head, ...] = ("Factor", *map(right, ("df", "F", "p", "Main effect", "Total effect")))
     caption = (
         "Factors in order of importance. Main and total effect: the factor's share of the fitted surface's variance "
-        "over the region, alone and with its interactions"
+        f"over {'the region' if analysis.region.is_box else 'all ranges, constraints left out'}, alone and with its "
+        "interactions"
     )
     blocks.append(table(caption, columns, cells, sortable=True))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
@@ -300,7 +312,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:
-        reason = no_error_estimate(analysis) or "every run is fitted exactly"
+        reason = no_error_estimate(analysis) or "fewer than three runs have a studentised residual"
         blocks.append(Paragraph(f"No residuals can be examined: {reason}."))
     return Section(f"{key}-diagnostics", "Diagnostics", tuple(blocks))
 
@@ -309,7 +321,9 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     fit, ids = analysis.fit, analysis.data.run_ids
     flagged = ids[outlier_p(fit) < OUTLIER]
     found = []
-    if flagged.size:
+    if (wild := ids[_share_counted(analysis) < _WILD]).size:  # its small weight hides it from the test of outliers
+        found.append(f"Wild scores, which count for less than a quarter of one on the surface: {_runs(wild)}.")
+    elif flagged.size:
         found.append(f"Outliers (5 % level, Bonferroni): {_runs(flagged)}.")
     else:
         found.append("No run is an outlier (5 % level, Bonferroni).")

@@ -35,6 +35,7 @@ from seqrsm.report.wording import (
     watched_interval,
     with_unit,
 )
+from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
 
@@ -241,6 +242,16 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
+def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
+    """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
+    name = edge.rpartition(" (")[0]
+    parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
+    if parameter is None or edge.startswith("constraint "):
+        return True
+    ends = parameter.values or (parameter.low, parameter.high)
+    return settings[name] not in (min(ends), max(ends))
+
+
 def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     """What to do, the first thing first; the settings are those of the first page."""
     best, decision = analysis.optimum, analysis.decision
@@ -263,10 +274,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}"
-    if best.at_bound:
-        # The text of a constraint stays as the user wrote it.
-        edges = listing([text if text.startswith("constraint ") else readable(text) for text in best.at_bound])
-        yield f"Consider widening the region: the optimum lies on its edge, {edges}."
+    if edges := [edge for edge in best.at_bound if _can_widen(spec, best.settings, edge)]:
+        yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
 
