@@ -457,6 +457,18 @@ def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(shares["frequency"], 0.0, atol=1e-9)
 
 
+def test_check_takes_no_scatter_for_what_the_quadratic_misses(tmp_path: Path) -> None:
+    """A step with repeats within 1: a target of 3 was refused for a scatter of 10, beside a fit that knew better."""
+    rng = np.random.default_rng(9)
+    rows = [
+        {"x": x, "score": (90 if x > 5.5 else 50) + 0.5 * rng.normal()} for x in np.repeat(np.linspace(0, 10, 9), 3)
+    ]
+    code, output, error = command("check", make(tmp_path / "c", X, rows))
+    assert code == 0, error
+    assert 0.3 < float(re.findall(r"run-to-run standard deviation +([0-9.]+)", output)[0]) < 1.0
+    assert "quadratics drawn from the posterior of the 27 scores" in " ".join(output.split())
+
+
 def test_shares_of_variance_say_what_they_are_taken_over(tmp_path: Path) -> None:
     """A constraint makes factors dependent: shares are those of the box."""
     whole = make(tmp_path / "c", X + FREQUENCY, quadratic())
