@@ -157,6 +157,15 @@ def test_random_blocks(tmp_path: Path) -> None:
     assert of_mean > 1.96 * np.sqrt(days_share)
 
 
+def test_runs_without_a_day_are_told_to_be_one_of_their_own(tmp_path: Path) -> None:
+    rows = quadratic(24, block=["" if i < 5 else f"day{i % 2}" for i in range(24)])
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
+    assert "Runs without a block, which count as one block of their own: 5." in found["warnings"]
+    assert "block[none]" in [term["name"] for term in found["terms"]]
+    alone = fit(make(tmp_path / "d", X + FREQUENCY, quadratic(24), '[model]\nblock = "block"\n'))
+    assert not any("without a block" in text for text in alone["warnings"])
+
+
 def test_days_of_one_run_each_are_told(tmp_path: Path) -> None:
     rows = quadratic(12, block=[f"day{i}" for i in range(12)])
     with pytest.raises(FitError, match=r"17 terms, 11 of them for blocks\. Blocks need several runs each"):
