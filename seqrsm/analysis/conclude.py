@@ -14,7 +14,7 @@ from seqrsm.analysis.ground import Ground, sds_of_levels
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, evidence
+from seqrsm.analysis.runs import NO_BLOCK, block_labels, evidence
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import Step, steps_of
 from seqrsm.analysis.study import block_study
@@ -329,7 +329,10 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted) -> 
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")
-    if surface.fixed_blocks and len(set(block_labels(spec, data))) > len(set(data.sources)):
+    labels = block_labels(spec, data)
+    if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
+        found.append(f"Runs without a block, which count as one block of their own: {alone}.")
+    if surface.fixed_blocks and len(set(labels)) > len(set(data.sources)):
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
     if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -135,6 +136,10 @@ def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
     return [tuple(row) for row in np.round(points, _SAME_SETTING_DECIMALS) + 0.0]
 
 
+NO_BLOCK: Final = "none"
+"""Label of runs that name no block: where others do, a block of their own."""
+
+
 def block_labels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
     """Block of each run: the flight day, where ``[model] block`` asks for it, and the source where there are two."""
     source_too = len(set(data.sources)) > 1
@@ -142,7 +147,7 @@ def block_labels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
     for source, block in zip(data.sources, data.blocks, strict=True):
         parts = (source if source_too else "", block if spec.model.block is not None else "")
         found.append(" ".join(part for part in parts if part))
-    return [label or "all" for label in found]
+    return [label or NO_BLOCK for label in found]
 
 
 def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:

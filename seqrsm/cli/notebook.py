@@ -108,7 +108,16 @@ class Campaign:
     def __init__(self, folder: str | Path) -> None:
         from seqrsm.campaign.campaign import Campaign as Opened  # the numerical libraries: not for `import seqrsm`
 
-        self.opened = Opened.open(Path(folder))
+        self._opened = Opened.open(Path(folder))
+
+    @property
+    def opened(self) -> Opened:
+        """The campaign as ``campaign.toml`` stands now: a notebook stays open while the file is edited."""
+        from seqrsm.spec.read import load_spec
+
+        if (spec := load_spec(self._opened.folder)).spec_hash != self._opened.spec.spec_hash:
+            self._opened = type(self._opened)(spec, self._opened.store)
+        return self._opened
 
     @classmethod
     def create(
@@ -280,10 +289,11 @@ class Campaign:
         """
         from seqrsm.analysis.study import term_tests
 
-        analyses = self.opened.analyse_all(application, sampler="emcee", thorough=True)
+        opened = self.opened
+        analyses = opened.analyse_all(application, sampler="emcee", thorough=True)
         wanted = [test] if isinstance(test, str) else test
         tests = [term_tests(analysis, wanted) for analysis in analyses]
-        return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
+        return Fit(opened, analyses, tests, opened.compromise(analyses))
 
     @_one_thread
     def candidates(self, *, worlds: int = 16, workers: int = 1, progress: Any = lambda done, of: None) -> Candidates:

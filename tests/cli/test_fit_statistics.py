@@ -157,6 +157,15 @@ def test_random_blocks(tmp_path: Path) -> None:
     assert of_mean > 1.96 * np.sqrt(days_share)
 
 
+def test_runs_without_a_day_are_told_to_be_one_of_their_own(tmp_path: Path) -> None:
+    rows = quadratic(24, block=["" if i < 5 else f"day{i % 2}" for i in range(24)])
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
+    assert "Runs without a block, which count as one block of their own: 5." in found["warnings"]
+    assert "block[none]" in [term["name"] for term in found["terms"]]
+    alone = fit(make(tmp_path / "d", X + FREQUENCY, quadratic(24), '[model]\nblock = "block"\n'))
+    assert not any("without a block" in text for text in alone["warnings"])
+
+
 def test_days_of_one_run_each_are_told(tmp_path: Path) -> None:
     rows = quadratic(12, block=[f"day{i}" for i in range(12)])
     with pytest.raises(FitError, match=r"17 terms, 11 of them for blocks\. Blocks need several runs each"):
@@ -455,6 +464,18 @@ def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
     shares = {row["factor"]: (row["share"], row["share_total"]) for row in found["factors_importance"]}
     np.testing.assert_allclose(shares["x"], 1.0, atol=1e-9)
     np.testing.assert_allclose(shares["frequency"], 0.0, atol=1e-9)
+
+
+def test_check_takes_no_scatter_for_what_the_quadratic_misses(tmp_path: Path) -> None:
+    """A step with repeats within 1: a target of 3 was refused for a scatter of 10, beside a fit that knew better."""
+    rng = np.random.default_rng(9)
+    rows = [
+        {"x": x, "score": (90 if x > 5.5 else 50) + 0.5 * rng.normal()} for x in np.repeat(np.linspace(0, 10, 9), 3)
+    ]
+    code, output, error = command("check", make(tmp_path / "c", X, rows))
+    assert code == 0, error
+    assert 0.3 < float(re.findall(r"run-to-run standard deviation +([0-9.]+)", output)[0]) < 1.0
+    assert "quadratics drawn from the posterior of the 27 scores" in " ".join(output.split())
 
 
 def test_shares_of_variance_say_what_they_are_taken_over(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import builtins
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -74,6 +75,18 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert "data:image/svg+xml" in fit.plot()._repr_html_()
     assert "posterior draws" in repr(fit.plot())
     assert len(mine.runs()) == len(plan) + 15
+
+
+def test_a_campaign_that_is_open_sees_that_its_file_was_edited(tmp_path: Path) -> None:
+    """Its fit went by the target of before, and propose refused with 'Repeat the command', which never helped."""
+    mine = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
+    plan = mine.propose(3)
+    mine.ingest(plan.assign(score=measured(plan)))
+    file = mine.folder / "campaign.toml"
+    file.write_text(re.sub(r"half_width = 3(\.0)?", "half_width = 0.5", file.read_text("utf-8")), "utf-8")
+    assert any("target is ± 0.5" in text for text in mine.fit().analyses[0].decision.reasons)
+    assert mine.spec.stop.half_width == 0.5
+    assert len(mine.propose(2)) == 2
 
 
 def ok_summary(text: str) -> str:

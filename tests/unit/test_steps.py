@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy import stats
 from scored_campaigns import campaign, specification
@@ -11,7 +12,8 @@ from scored_campaigns import campaign, specification
 from seqrsm.analysis.ground import RANKED
 from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.report.figures.optimum import paint_lines
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.report.figures.optimum import paint_lines, set_numeric_axis
 from seqrsm.report.figures.surfaces import lines_by_level
 
 FACTORS = """
@@ -175,3 +177,13 @@ def test_a_gain_is_the_difference_of_scores_that_there_can_be(tmp_path) -> None:
     assert found.optimum.mean == 100.0
     assert step.gain == pytest.approx(step.mean - 100.0)
     assert -100.0 <= step.interval.low <= step.gain <= step.interval.high
+
+
+@pytest.mark.parametrize("high", [8e-6, 0.5, 40.0, 3e7])
+def test_no_power_of_ten_stands_apart_from_the_ticks_of_an_axis(high) -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    set_numeric_axis(axes, "x", ContinuousFactor("a", 0.1 * high, high, unit="m"))
+    FigureCanvasAgg(figure).draw()
+    assert axes.xaxis.get_offset_text().get_text() == ""
+    assert len({label.get_text() for label in axes.get_xticklabels()}) > 2

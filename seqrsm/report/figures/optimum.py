@@ -353,6 +353,8 @@ def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor
         ticks = _log_ticks(low, high)
     if ticks is not None:
         axis.set_major_locator(FixedLocator(ticks))
+    # Of 2e-06 and 2e+06 a power of ten would be set apart, over the end of the label.
+    if ticks is not None or not 1e-4 <= max(abs(low), abs(high)) < 1e6:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
     axis.set_label_text(shortened(axis_label(factor), 44))
