@@ -329,10 +329,7 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted) -> 
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")
-    labels = block_labels(spec, data)
-    if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
-        found.append(f"Runs without a block, which count as one block of their own: {alone}.")
-    if surface.fixed_blocks and len(set(labels)) > len(set(data.sources)):
+    if surface.fixed_blocks and len(set(block_labels(spec, data))) > len(set(data.sources)):
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
     if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
@@ -345,6 +342,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     found = []
     if fit.reason:
         found.append(f"No error estimate: {fit.reason}.")
+    labels = block_labels(spec, data)
+    if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
+        found.append(f"Runs without a block, which count as one block of their own: {alone}.")
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
