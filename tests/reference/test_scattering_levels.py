@@ -101,7 +101,7 @@ def formula_db(base: str, band: str, channel: str, theta: float) -> float:
 
 
 def base_of(category: str) -> str:
-    return "grass" if category in ("Grass", "Forage") else "short_vegetation"
+    return "grass" if category in GROUPS["grass"] else "short_vegetation"
 
 
 def levels_of_1991(sentinel: dict[tuple[str, str, str], float]) -> dict[tuple[str, str, str], float]:
@@ -316,7 +316,7 @@ def test_field_spread(category: str, channel: str) -> None:
 
     Most classes of the flight have two to five fields, maize and hay none; the one field of bare soil tells nothing.
     """
-    base = "grass" if category in GROUPS["grass"] else "short_vegetation"
+    base = base_of(category)
     classes = GROUPS[base].get(category, [])
     means = [excess(name, base, channel) for name in classes]
     between = np.var(means, ddof=1) if len(means) > 1 else 0.0
