@@ -32,10 +32,10 @@ def die_always(x: int) -> int:
     return 10 * x
 
 
-def die_four_times(argument: tuple[str, int]) -> int:
+def die_twice(argument: tuple[str, int]) -> int:
     """As a run that sits beside a killer does: its worker dies as often as makes the scheduler give it up."""
     path, x = argument
-    if x == 1 and (not Path(path).exists() or Path(path).stat().st_size < 4):
+    if x == 1 and (not Path(path).exists() or Path(path).stat().st_size < 2):
         with Path(path).open("a", encoding="utf-8") as deaths:
             deaths.write("x")
         os.kill(os.getpid(), signal.SIGKILL)

@@ -181,8 +181,8 @@ def test_image_is_made_at_the_optimum_of_the_latest_scores(tiny, tmp_path) -> No
 
 
 def test_init_takes_the_words_of_an_application_with_or_without_quotes(tmp_path) -> None:
-    call("init", tmp_path / "a", "--application", "soil", "moisture")
-    call("init", tmp_path / "b", "--application", "soil moisture")
+    call("init", tmp_path / "a", "--application", "oil", "spill")
+    call("init", tmp_path / "b", "--application", "oil spill")
     texts = [(tmp_path / name / "campaign.toml").read_text(encoding="utf-8") for name in "ab"]
     assert texts[0] == texts[1]
     assert "one folder" in call("init", tmp_path / "c", "too", "--template", "flevoland", code=2)

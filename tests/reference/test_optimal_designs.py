@@ -38,15 +38,14 @@ def direct(points: np.ndarray) -> np.ndarray:
     return np.column_stack([np.ones(n), points, *pairs])
 
 
-def cases(ks, keep=lambda row: True):
-    return [pytest.param(row, id=f"k{row['k']}N{row['N']}") for row in NUMERIC if int(row["k"]) in ks and keep(row)]
+# Saturated designs, some a little larger, and some of twice as many runs: their neighbours are alike.
+SOME = {"1": "3 4 7 10 13", "2": "6 7 9 12 16 26", "3": "10 11 14 17 20 30", "4": "18 25"}
+CASES = [
+    pytest.param(row, id=f"k{row['k']}N{row['N']}") for row in NUMERIC if row["N"] in SOME.get(row["k"], "").split()
+]
 
 
-def four(row):
-    return row["N"] in ("18", "25")
-
-
-@pytest.mark.parametrize("row", cases((1, 2, 3)) + [c for c in cases((4,)) if four(c.values[0])])
+@pytest.mark.parametrize("row", CASES)
 def test_d_optimal_designs_come_close_to_the_best_known(row):
     k, n, p = (int(row[key]) for key in ("k", "N", "p"))
     design = optimal_design(*build(k), n, "D", seed=1)
@@ -71,7 +70,7 @@ def cube_moments(k: int) -> np.ndarray:
     return Z.T @ (Z * mass[:, None])
 
 
-@pytest.mark.parametrize("row", cases((1, 2, 3)) + [c for c in cases((4,)) if four(c.values[0])])
+@pytest.mark.parametrize("row", CASES)
 def test_i_optimal_designs_come_close_to_the_best_known(row):
     k, n = int(row["k"]), int(row["N"])
     design = optimal_design(*build(k), n, "I", seed=1)
@@ -113,7 +112,7 @@ def base_points(case) -> np.ndarray:
     return np.vstack([cube, np.zeros((case["n_base"] - cube.shape[0], k))])
 
 
-@pytest.mark.parametrize("case", GOLDEN["augment"], ids=lambda c: f"{c['base']}+{c['n_add']}".replace(" ", ""))
+@pytest.mark.parametrize("case", GOLDEN["augment"][::2], ids=lambda c: f"{c['base']}+{c['n_add']}".replace(" ", ""))
 def test_augmented_designs_come_close_to_the_best_known(case):
     base = base_points(case)
     design = optimal_design(*build(case["k"]), case["n_add"], seed=4, fixed=base)

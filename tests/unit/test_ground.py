@@ -146,12 +146,12 @@ def test_what_the_quadratic_misses_is_no_ground(tmp_path: Path) -> None:
 
 
 def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) -> None:
-    """300 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
+    """150 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(7)
     spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 1e-9}))  # the whole budget is spent
     ground, chance, inside, plain = 5.0, 3.0, [], []
-    for _ in range(300):
+    for _ in range(150):
         known = ground_of_scores(bundle(rng, ground, chance))
 
         def score(points: np.ndarray) -> list[NewScore]:
@@ -167,5 +167,5 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
         plain.append(without.low <= flights.mean() <= without.high)
         assert best.whole.half_width**2 == pytest.approx(best.by_chance.half_width**2 + best.of_ground**2)
     # The share is known by 16 worlds only: an error of 0.11, which costs some points of coverage.
-    assert np.mean(inside) == pytest.approx(0.94, abs=0.04)
+    assert np.mean(inside) == pytest.approx(0.94, abs=0.05)
     assert np.mean(plain) < 0.80
