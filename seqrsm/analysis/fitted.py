@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
-from seqrsm.analysis.ground import Ground, prior_of_difference
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import LISTED_RUNS, ScoredRuns, block_labels, response_scale, scored_runs, setting_ids
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
@@ -86,10 +86,7 @@ def fit_application(
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     fit = fit_surface(spec, region, model, data, scale)
-    if ground is not None and ground.sd_ground > 0.0 and spec.model.discrepancy_sd is None and scale.kind == "identity":
-        worlds = {"discrepancy_sd": prior_of_difference(ground, model, data.points)}
-        spec = replace(spec, model=spec.model.model_copy(update=worlds))
-    surface = surface_of(spec, model, data, scale, fit)
+    surface = surface_of(spec, model, data, scale, fit, ground)
     departure = weigh_departure(surface, spec.seed, spec.states_prior(application))
     if "flight" in data.sources:  # over the real ground
         ground = None

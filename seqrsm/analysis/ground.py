@@ -94,7 +94,7 @@ def _share(total: float, df: int, chance: float, df_chance: int) -> float:
 
 
 def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArray) -> float:
-    """Prior standard deviation of a first-order term of the difference between flights and simulations, score units.
+    """Prior standard deviation of the mean difference between flights and simulations over the region, score units.
 
     The real ground is one world: with this prior the difference has the variance of worlds, on average over the
     settings that were run, in place of a guess (`seqrsm.decide.sources`).

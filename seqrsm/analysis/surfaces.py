@@ -13,6 +13,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.random import Generator
 
+from seqrsm.analysis.ground import Ground, prior_of_difference
 from seqrsm.analysis.runs import ScoredRuns, block_labels, counts_of
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
@@ -108,9 +109,16 @@ class Surface:
 
     @classmethod
     def of(
-        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+        cls,
+        spec: CampaignSpec,
+        model: QuadraticModel,
+        data: ScoredRuns,
+        scale: ResponseScale,
+        fit: LeastSquaresFit,
+        ground: Ground | None,
     ) -> Surface:
-        """The surface that these runs call for."""
+        """The surface that these runs call for; ``ground`` tells how flights may differ from simulations."""
+        del ground
         return Surface(
             errors=spec.errors,
             model=model,
@@ -211,9 +219,16 @@ class RandomBlocks(Surface):
 
     @classmethod
     def of(
-        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+        cls,
+        spec: CampaignSpec,
+        model: QuadraticModel,
+        data: ScoredRuns,
+        scale: ResponseScale,
+        fit: LeastSquaresFit,
+        ground: Ground | None,
     ) -> RandomBlocks:
         """See `random_blocks`."""
+        del ground
         found = random_blocks(spec, model, data, scale)
         return cls(
             errors=spec.errors,
@@ -284,10 +299,24 @@ class TwoSources(Surface):
 
     @classmethod
     def of(
-        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+        cls,
+        spec: CampaignSpec,
+        model: QuadraticModel,
+        data: ScoredRuns,
+        scale: ResponseScale,
+        fit: LeastSquaresFit,
+        ground: Ground | None,
     ) -> TwoSources:
-        """See `fit_sources`."""
+        """See `fit_sources`.
+
+        Flights share one of the grounds that simulations are drawn from: they depart from the surface of simulations as
+        grounds do, and scatter by chance alone.
+        """
         flights = np.array([source == "flight" for source in data.sources])
+        prior_sd, ratio = spec.model.discrepancy_sd, 1.0
+        if ground is not None and ground.sd_ground > 0.0 and scale.kind == "identity":
+            prior_sd = prior_sd or prior_of_difference(ground, model, data.points)
+            ratio = 1.0 / (1.0 - ground.share)
         found = fit_sources(
             model,
             data.points,
@@ -295,7 +324,8 @@ class TwoSources(Surface):
             flights,
             weights=fit.weights,
             extra=blocks_within(block_labels(spec, data), flights),
-            prior_sd=spec.model.discrepancy_sd,
+            prior_sd=prior_sd,
+            ratio=ratio,
         )
         off = abs(float((found.estimate - found.simulation)[0])) / found.prior_sd
         note = ""
@@ -399,9 +429,14 @@ STRUCTURES: Final = (RandomBlocks, TwoSources, Surface)
 
 
 def surface_of(
-    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+    spec: CampaignSpec,
+    model: QuadraticModel,
+    data: ScoredRuns,
+    scale: ResponseScale,
+    fit: LeastSquaresFit,
+    ground: Ground | None,
 ) -> Surface:
-    """The surface that runs and specification call for.
+    """The surface that runs and specification call for, with what was measured of the ground.
 
     Raises
     ------
@@ -409,7 +444,7 @@ def surface_of(
         What the structure cannot be fitted to, `random_blocks`.
     """
     structure = next(each for each in STRUCTURES if each.suits(spec, data))
-    return structure.of(spec, model, data, scale, fit)
+    return structure.of(spec, model, data, scale, fit, ground)
 
 
 def random_blocks(

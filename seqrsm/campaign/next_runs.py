@@ -13,7 +13,7 @@ from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, n_determined
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
+from seqrsm.decide.sources import blocks_within, guessed_sd, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -234,10 +234,10 @@ class _Chooser:
         prior = stated_prior(self.spec, application, self.model)
         if two:
             found, s = self.analysis.sources, self.analysis.fit.s
-            spread = float(np.std(self.scale.values)) / 5.0
-            sd = self.spec.model.discrepancy_sd or (spread if found is None else found.both.prior_sd)
+            known = self.spec.model.discrepancy_sd
+            sd = known or (guessed_sd(self.scale.values) if found is None else found.both.prior_sd)
             sigma = s if found is None else found.both.s_simulation
-            return source_prior(self.model, 0, max(sd, 1e-9), sigma, prior).Lambda0
+            return source_prior(self.model, 0, sd, sigma, prior).Lambda0
         return None if prior is None else prior.Lambda0
 
 

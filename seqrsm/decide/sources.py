@@ -2,8 +2,9 @@
 
 Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63, 425-464, with the discrepancy in its linear form: simulated runs
 have the model row [z, 0], flights [z, z]. The discrepancy has a normal prior around zero, so that few flights correct
-the simulation and do not replace it, its terms of second order half as wide as those of first, since effects mostly
-differ less the higher their order; and each source has its own variance. Without the terms of second order the flight's
+the simulation and do not replace it; terms of each order are half as wide as those of the order before, since a ground
+mostly scores more or less wherever the sensor stands (reports/validation/worlds.md); and each source has its own
+variance. Without the terms of second order the flight's
 optimum would have the simulation's curvature, however much the flights say otherwise: on real scores the intervals then
 cover too little (reports/validation/flevoland_flights.md). Everything is conjugate given the ratio of the variances;
 the ratio has a posterior of its own, on a grid, and intervals and draws are mixtures over it.
@@ -28,17 +29,23 @@ from seqrsm.fit.least_squares import block_columns
 FEW_FLIGHTS = 4
 """With fewer flights the discrepancy is mostly its prior."""
 
-_RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
+_RATIO_RUNS = 2.0  # degrees of freedom that the guess of the ratio of variances is worth
 _RATIOS = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))  # variance of a simulation over that of a flight
-_ROUNDS = 8  # of the iteration for the variances
+_ROUNDS = 25  # of the iteration for the variances
 _DUST = 1e-6  # of the likeliest ratio's probability: what has less is left out
-_SECOND_ORDER = 0.5  # prior standard deviation of a product or square of the discrepancy, over a linear term's
-_FIRST_ORDER = ("intercept", "linear", "category")
+_OF_SCORES = 0.4  # standard deviation of the mean difference over that of the scores: a guess
+_WIDTH = {"intercept": 1.0, "linear": 0.5, "category": 0.5, "interaction": 0.25, "square": 0.25}
+"""Prior standard deviation of a term of the discrepancy, over that of its intercept."""
 
 
 def discrepancy_sd(model: QuadraticModel, prior_sd: float) -> FloatArray:
-    """Prior standard deviation (p,) of each term of the discrepancy: ``prior_sd``, half of it for second order."""
-    return np.where([term.kind in _FIRST_ORDER for term in model.terms], prior_sd, _SECOND_ORDER * prior_sd)
+    """Prior standard deviation (p,) of each term of the discrepancy; ``prior_sd`` is that of the intercept."""
+    return prior_sd * np.array([_WIDTH[term.kind] for term in model.terms])
+
+
+def guessed_sd(y: FloatArray) -> float:
+    """Prior standard deviation of the discrepancy's intercept where nothing is known of it but scores (n,)."""
+    return max(_OF_SCORES * float(np.std(y)), 1e-9 * max(1.0, float(np.max(np.abs(y)))))
 
 
 def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray) -> FloatArray:
@@ -75,12 +82,16 @@ def blocks_within(blocks: Sequence[str], is_flight: BoolArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class StackedRuns:
-    """Rows [z, discrepancy, blocks] (n, c), scores, relative weights within a source, which runs are flights: (n,)."""
+    """Rows [z, discrepancy, blocks] (n, c), scores, relative weights within a source, which runs are flights: (n,).
+
+    ``ratio``: a guess of the variance of a simulation over that of a flight.
+    """
 
     Z: FloatArray
     y: FloatArray
     weights: FloatArray
     flights: BoolArray
+    ratio: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +121,7 @@ class SourceFit:
         Degrees of freedom of ``s``: those of the flights' own residuals, with the guess.
     n_flights, n_simulations : int
     prior_sd : float
-        Prior standard deviation of each first-order coefficient of the discrepancy, score units.
+        Prior standard deviation of the discrepancy's intercept, its mean over the region, score units.
     prior_share : float
         Share of the discrepancy's prior variance, over all its terms, that is left: 1 before the first flight, near 0
         after many.
@@ -240,8 +251,8 @@ def _by_ratio(
 ) -> tuple[GivenRatio, ...]:
     """Posterior of the ratio of the variances on a grid, and all else given it.
 
-    The prior of the ratio has equal variances as its middle and is worth two runs of each. A surface through every
-    score says nothing of variances: there the likeliest stands alone.
+    The prior of the ratio has the guess as its middle and is worth two runs of each. A surface through every score says
+    nothing of variances: there the likeliest stands alone.
     """
     n_extra = runs.Z.shape[1] - 2 * model.p
     prior = source_prior(model, n_extra, prior_sd, likeliest.scale, base)
@@ -249,7 +260,8 @@ def _by_ratio(
     if any(one.b <= 0.0 for one in given):
         return (GivenRatio(ratio, 1.0, likeliest),)
     log_share = np.array([float(np.linalg.slogdet(one.factor)[1]) - one.a * np.log(one.b) for one in given])
-    log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(_RATIOS) - 2 * np.log1p(_RATIOS)
+    to_guess = _RATIOS / runs.ratio
+    log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(to_guess) - 2 * np.log1p(to_guess)
     share = np.exp(log_share - np.max(log_share))
     share[share < _DUST] = 0.0
     share /= np.sum(share)
@@ -272,7 +284,7 @@ def source_prior(
     n_extra : int
         Columns of blocks.
     prior_sd, sigma : float
-        Score units, > 0: of each first-order coefficient of the discrepancy, and of one simulated run.
+        Score units, > 0: of the discrepancy's intercept, and of one simulated run.
     base : NormalInverseGamma, optional
         Prior of the p model terms; flat by default.
     """
@@ -289,10 +301,11 @@ def fit_sources(
     weights: FloatArray | None = None,
     extra: FloatArray | None = None,
     prior_sd: float | None = None,
+    ratio: float = 1.0,
 ) -> SourceFit:
     """Fit simulated runs and flights together.
 
-    The variance of each source is estimated from its own residuals, with equal variances as a guess worth two runs.
+    The variance of each source is estimated from its own residuals, with ``ratio`` as a guess worth two runs.
     Intervals and draws do not take these two as known: they are mixtures over the ratio's posterior.
 
     Parameters
@@ -308,8 +321,9 @@ def fit_sources(
     extra : ndarray (n, e), optional
         Columns of blocks, `blocks_within`.
     prior_sd : float, optional
-        Of each first-order coefficient of the discrepancy, score units, half of it for second order; a fifth of the
-        standard deviation of the scores by default.
+        Of the discrepancy's intercept, score units, as in `discrepancy_sd`; by default `guessed_sd`.
+    ratio : float, optional
+        Guess of the variance of a simulation over that of a flight, > 0.
 
     Raises
     ------
@@ -321,20 +335,19 @@ def fit_sources(
     own = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     blocks = np.empty((n, 0)) if extra is None else extra
     Z = np.hstack([stacked_rows(model, points, flights), blocks])
-    sd = prior_sd if prior_sd is not None else max(float(np.std(y)) / 5.0, 1e-9 * max(1.0, float(np.max(np.abs(y)))))
+    sd = prior_sd if prior_sd is not None else guessed_sd(y)
     df_flights = _RATIO_RUNS
-    ratio, sigma = 1.0, max(0.25 * float(np.std(y)), 1e-12)
+    guess, sigma = ratio, max(0.25 * float(np.std(y)), 1e-12)
     for _ in range(_ROUNDS):
         w = np.where(flights, own * ratio, own)
         found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
         before, sigma = sigma, found.scale if found.scale > 0.0 else sigma
         rest = (y - Z @ found.mean) ** 2 * own
         free = 1.0 - w * found.variance_unscaled(Z)
-        pooled = sigma**2
         df_flights = float(np.sum(free[flights])) + _RATIO_RUNS
         of = [
-            (float(np.sum(rest[mask])) + _RATIO_RUNS * pooled) / (float(np.sum(free[mask])) + _RATIO_RUNS)
-            for mask in (~flights, flights)
+            (float(np.sum(rest[mask])) + _RATIO_RUNS * own_guess) / (float(np.sum(free[mask])) + _RATIO_RUNS)
+            for mask, own_guess in ((~flights, sigma**2), (flights, sigma**2 / guess))
         ]
         ratio = float(np.clip(of[0] / of[1], 0.01, 100.0)) if of[1] > 0.0 else 1.0
         if abs(sigma - before) <= 1e-9 * before:
@@ -342,7 +355,7 @@ def fit_sources(
     w = np.where(flights, own * ratio, own)
     found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
     left = found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, sd) ** 2)
-    runs = StackedRuns(Z, y, own, flights)
+    runs = StackedRuns(Z, y, own, flights, guess)
     return SourceFit(
         estimate=to_flight(model, found.mean[None, :])[0],
         simulation=found.mean[: model.p],

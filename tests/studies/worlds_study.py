@@ -4,8 +4,9 @@
 
 Each example campaign is run to its end with several seeds. At what it recommends five flights are simulated in each of
 some fresh worlds, 200 or more in all: how many single flights, and means of five, lie in their 95 % intervals? And what
-the recommended frequency does from seed to seed. Goes on where it was interrupted, from
-``reports/validation/worlds.json``, and writes ``worlds.md`` beside it.
+the recommended frequency does from seed to seed. And how the score of a ground departs from the mean of grounds over
+the region, which is the prior of flights less simulations. Goes on where it was interrupted, from
+``reports/validation/worlds.json`` and ``differences.json``, and writes ``worlds.md`` beside them.
 """
 
 from __future__ import annotations
@@ -22,16 +23,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
-from seqrsm.campaign.simulation import carry_out, task_of
+from seqrsm.campaign.simulation import bundle_tasks, carry_out, task_of
+from seqrsm.decide.sources import discrepancy_sd
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.spec.read import load_spec
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation"
 FRESH = 2**28  # worlds and occasions of no campaign
 FLIGHTS, WORLDS = 5, 200
+SETTINGS, GROUNDS = 20, 48  # of the differences between grounds
+SITES = ("langegracht-radar", "limburg-radar", "wake-radiometer")
+ORDERS = {"intercept": 0, "linear": 1, "category": 1, "interaction": 2, "square": 2}
 
 
 def campaign(name: str, seed: int, n_worlds: int) -> dict[str, Any]:
@@ -71,6 +78,45 @@ def campaign(name: str, seed: int, n_worlds: int) -> dict[str, Any]:
     }
 
 
+def difference(name: str) -> dict[str, Any]:
+    """How grounds differ from their mean: scores of the same worlds at settings drawn from the region.
+
+    The covariance of a ground's scores at two settings is that of means over its occasions less what chance gives them;
+    standard deviations of terms by order are those whose surfaces have that covariance (non-negative least squares).
+    """
+    spec = load_spec(ROOT / "campaigns" / name)
+    points = spec.region.sample(SETTINGS, np.random.default_rng(5))
+    tasks = [task for one in spec.region.decode(points) for task in bundle_tasks(spec, one, 0, GROUNDS)]
+    scores = np.reshape([carry_out(task).scores[0].score for task in tasks], (SETTINGS, GROUNDS, -1))
+    model = QuadraticModel(spec.factors)
+    order, Z = np.array([ORDERS[term.kind] for term in model.terms]), model.matrix(points)
+    half = np.tril_indices(SETTINGS)
+    parts = np.array([(Z[:, order == k] @ Z[:, order == k].T)[half] for k in range(3)]).T
+    of_prior = Z * discrepancy_sd(model, 1.0)
+
+    def found(worlds: np.ndarray) -> list[float]:
+        own = scores[:, worlds]
+        chance = own[..., 0] - own[..., 1]
+        covariance = np.cov(own.mean(axis=2)) - chance @ chance.T / (4 * len(worlds))
+        terms = np.sqrt(nnls(parts, covariance[half])[0])
+        return [float(np.sqrt(np.trace(covariance) / SETTINGS)), related(covariance), *terms]
+
+    rng = np.random.default_rng(6)
+    drawn = np.array([found(rng.integers(GROUNDS, size=GROUNDS)) for _ in range(200)])
+    return {
+        "name": name,
+        "found": np.round(found(np.arange(GROUNDS)), 3).tolist(),
+        "se": np.round(drawn.std(axis=0, ddof=1), 3).tolist(),
+        "prior": round(related(of_prior @ of_prior.T), 3),
+    }
+
+
+def related(covariance: np.ndarray) -> float:
+    """Mean covariance of two settings over the mean variance of one."""
+    n = len(covariance)
+    return float((covariance.sum() / np.trace(covariance) - 1.0) / (n - 1))
+
+
 def share_inside(rows: list[dict[str, Any]], key: str) -> tuple[float, float]:
     """Share of flights, or of means of five, inside their interval, and its standard error over worlds [percent]."""
     inside = []
@@ -88,7 +134,7 @@ def without_ground(rows: list[dict[str, Any]]) -> float:
     return 100.0 * float(np.mean(np.concatenate(inside)))
 
 
-def page(rows: list[dict[str, Any]]) -> str:
+def page(rows: list[dict[str, Any]], differences: list[dict[str, Any]]) -> str:
     """The page."""
     names = list(dict.fromkeys(row["name"] for row in rows))
     lines = [
@@ -125,6 +171,23 @@ def page(rows: list[dict[str, Any]]) -> str:
             f"- {name}: {f.min():.2f} to {f.max():.2f} GHz, median {middle:.2f}; inside the reported 95 % range of "
             f"{held} of {len(own)} campaigns."
         )
+    lines += [
+        "",
+        "## How a ground departs from the mean of grounds",
+        "",
+        f"Scores of {GROUNDS} worlds at {SETTINGS} settings drawn from the region, two occasions each: standard",
+        "deviation of a ground, correlation of its departures at two settings, and standard deviations of the coded",
+        "coefficients of a quadratic with that covariance [points], ± standard errors over worlds. A ground mostly",
+        "scores more, or less, at all settings. The prior of flights less simulations has coefficients of each",
+        "order half as wide as those of the order before; *prior*: the correlation that this gives.",
+        "",
+        "| campaign | ground | correlation | prior | intercept | first order | second order |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for one in differences:
+        told = zip(one["found"], one["se"], (1, 2, 1, 1, 1), strict=True)
+        sd, corr, *terms = (f"{value:.{d}f} ± {se:.{d}f}" for value, se, d in told)
+        lines.append(f"| {one['name']} | {sd} | {corr} | {one['prior']:.2f} | {' | '.join(terms)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -138,9 +201,8 @@ def main() -> None:
     store = OUT / "worlds.json"
     kept: list[dict[str, Any]] = json.loads(store.read_text(encoding="utf-8")) if store.exists() else []
     done = {(row["name"], row["seed"]) for row in kept}
-    wanted = [("langegracht-radar", s, -(-WORLDS // given.seeds)) for s in range(1, given.seeds + 1)]
-    others = ("limburg-radar", "wake-radiometer")
-    wanted += [(name, s, -(-WORLDS // given.others)) for name in others for s in range(1, given.others + 1)]
+    wanted = [(SITES[0], s, -(-WORLDS // given.seeds)) for s in range(1, given.seeds + 1)]
+    wanted += [(name, s, -(-WORLDS // given.others)) for name in SITES[1:] for s in range(1, given.others + 1)]
     with ProcessPoolExecutor(given.workers) as pool:
         jobs = [pool.submit(campaign, *one) for one in wanted if one[:2] not in done]
         for job in as_completed(jobs):
@@ -148,7 +210,12 @@ def main() -> None:
             store.write_text(json.dumps(kept), encoding="utf-8")
     kept.sort(key=lambda row: (row["name"], row["seed"]))
     store.write_text(json.dumps(kept), encoding="utf-8")
-    (OUT / "worlds.md").write_text(page(kept), encoding="utf-8")
+    of_grounds = OUT / "differences.json"
+    if not of_grounds.exists():
+        with ProcessPoolExecutor(given.workers) as pool:
+            of_grounds.write_text(json.dumps(list(pool.map(difference, SITES))), encoding="utf-8")
+    differences = json.loads(of_grounds.read_text(encoding="utf-8"))
+    (OUT / "worlds.md").write_text(page(kept, differences), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -27,11 +27,13 @@ def campaign(n_sim: int, n_flight: int, seed: int, gamma=(3.0, 1.0, -1.0), s_sim
 
 def test_rows_of_the_two_sources() -> None:
     model = QuadraticModel((*FACTORS, CategoricalFactor("c", ("x", "y", "z"))))
-    half = [model.term_names[t] for t in np.flatnonzero(discrepancy_sd(model, 3.0) == 1.5)]
-    assert half == ["a:b", "c[x]:a", "c[y]:a", "c[x]:b", "c[y]:b", "a^2", "b^2"]
-    assert [model.term_names[t] for t in np.flatnonzero(discrepancy_sd(model, 3.0) == 3.0)] == [
-        *("intercept", "a", "b", "c[x]", "c[y]")
-    ]
+    sd = discrepancy_sd(model, 3.0)
+    for value, names in (
+        (3.0, ["intercept"]),
+        (1.5, ["a", "b", "c[x]", "c[y]"]),
+        (0.75, ["a:b", "c[x]:a", "c[y]:a", "c[x]:b", "c[y]:b", "a^2", "b^2"]),
+    ):
+        assert [model.term_names[t] for t in np.flatnonzero(sd == value)] == names
     points = np.array([[0.5, -0.5, 1.0], [0.5, -0.5, 1.0]])
     rows = stacked_rows(model, points, np.array([False, True]))
     np.testing.assert_array_equal(rows[0, model.p :], 0.0)
@@ -43,7 +45,7 @@ def test_posterior_is_least_squares_with_the_prior_as_rows() -> None:
     found = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
     Z = stacked_rows(MODEL, X, flight)
     w = np.where(flight, found.flight_weight, 1.0)
-    sd = np.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
+    sd = np.array([2.0, 1.0, 1.0, 0.5, 0.5, 0.5])
     K = np.hstack([np.zeros((6, 6)), np.diag(found.s_simulation / sd)])
     rows = np.vstack([Z * np.sqrt(w)[:, None], K])
     target = np.concatenate([y * np.sqrt(w), np.zeros(6)])
@@ -75,7 +77,7 @@ def test_few_flights_are_said_to_be_prior() -> None:
     assert few.prior_driven
     X, y, flight = campaign(30, 40, 3)
     many = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
-    assert many.prior_share < 0.2 < few.prior_share
+    assert many.prior_share < 0.25 < few.prior_share
     mean, low, high = many.discrepancy(MODEL.matrix(np.zeros((1, 2)))[0])
     assert low < 3.0 < high
     assert mean == pytest.approx(3.0, abs=1.5)
