@@ -11,7 +11,7 @@ from statistics import median
 from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
-from seqrsm.analysis.runs import evidence
+from seqrsm.analysis.runs import evidence, see_names
 from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
@@ -113,12 +113,13 @@ def latest_look(
     given = {run.run_id: score for run in runs if run.state == "scored" and (score := run.score_of(application.name))}
     scored = [run for run in evidence(runs) if run.run_id in given]
     newest = max((score.scored_at for score in given.values()), default="")
-    # Rankings change scores without adding any.
-    if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
-        look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
-        made_of = (spec.spec_hash, application.name, runs, ground)
-        try:
+    try:
+        see_names(spec, runs, application.name)
+        # Rankings change scores without adding any.
+        if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
+            look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
+            made_of = (spec.spec_hash, application.name, runs, ground)
             found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
-        except FitError as error:
-            found["reason"] = f"{len(scored)} scored runs: {error}"
+    except FitError as error:
+        found["reason"] = f"{len(scored)} scored runs: {error}" if scored else str(error)
     return found

@@ -252,9 +252,12 @@ def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> N
 def test_a_renamed_application_is_told(tmp_path) -> None:
     folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
     fly(folder, bowl, 1)
+    before = json.loads(call("status", folder, "--json").stdout)["runs"]
     edited(folder, 'name = "score"', 'name = "yield"')
-    told = call("fit", folder, code=2).output
-    assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in " ".join(told.split())
+    for command, code in (("fit", 2), ("propose", 2), ("status", 0)):
+        told = " ".join(call(command, folder, code=code).output.split())
+        assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in told
+    assert json.loads(call("status", folder, "--json").stdout)["runs"] == before
 
 
 @pytest.mark.filterwarnings("error")
