@@ -56,7 +56,6 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "sources": dict(Counter(run.source for run in runs if run.state == "scored")),
         "max_runs": spec.stop.max_runs,
         "interval": spec.stop.interval,
-        "target_half_width": spec.stop.half_width,
         "level": spec.stop.level,
         "units": {factor.name: factor.unit for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
@@ -101,13 +100,15 @@ def latest_look(
     Returns
     -------
     dict
-        ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
+        ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None before the first fit),
+        ``reason`` (why it is None).
     """
     from seqrsm.analysis.conclude import analyse
     from seqrsm.analysis.to_json import look_summary
 
     mine = [look for look in looks if look.application == application.name]
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
+    found["target_half_width"] = spec.stop_of(application.name).half_width
     if mine:
         found["last_look"] = mine[-1].summary
     given = {run.run_id: score for run in runs if run.state == "scored" and (score := run.score_of(application.name))}

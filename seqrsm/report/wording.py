@@ -29,6 +29,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import StopSpec
 from seqrsm.store.records import RunRecord
 
@@ -73,6 +74,12 @@ def readable_term(name: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """Append a unit, if there is one, on the same line."""
     return f"{text}\u00a0{unit}" if unit else text
+
+
+def target_texts(spec: CampaignSpec) -> dict[str, str]:
+    """Target half-width of each application, with its unit."""
+    targets = {one: format_plain(spec.stop_of(one.name).half_width) for one in spec.applications}
+    return {one.name: with_unit(target, one.score_unit) for one, target in targets.items()}
 
 
 def axis_label(factor: Factor) -> str:

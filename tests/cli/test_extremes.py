@@ -249,6 +249,20 @@ def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> N
         assert told.count("error:") == 1
 
 
+def test_each_application_has_its_own_target(tmp_path) -> None:
+    """Two applications with the same scores, of which one asks for less."""
+    wide = 'half_width = 50\n[[application]]\nname = "other"\nutility = "measured"\nunit = "m3/m3"\nhalf_width = 0.5\n'
+    folder = make(tmp_path / "c", numeric(1), "half_width = 1\nmax_runs = 40", wide)
+    fly(folder, bowl, 4)
+    found = json.loads(call("status", folder, "--json").stdout)["applications"]
+    assert [one["target_half_width"] for one in found] == [50.0, 0.5]
+    assert [one["last_look"]["held"] for one in found] == [True, False]
+    told = call("status", folder).output.replace("\N{NO-BREAK SPACE}", " ")
+    assert "target \u00b1 0.5 m3/m3" in told
+    told = call("fit", folder).output.replace("\N{NO-BREAK SPACE}", " ")
+    assert ["losing more than 12.5:" in told, "losing more than 0.125 m3/m3:" in told] == [True, True]  # a quarter
+
+
 def test_a_renamed_application_is_told(tmp_path) -> None:
     folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
     fly(folder, bowl, 1)
