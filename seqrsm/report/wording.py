@@ -200,8 +200,10 @@ def level_labels(factor: CategoricalFactor | DiscreteFactor) -> list[str]:
 
 
 def shortened(text: str, length: int) -> str:
-    """Cut a long text for a drawing, where it would push the axes out; tables hold it in full."""
-    return text if len(text) <= length else f"{text[: length - 1]}\u2026"
+    """Cut a long text for a drawing, where it would push the axes out, but not its unit; tables hold it in full."""
+    _, bracket, end = text.rpartition(" [")
+    unit = bracket + end if bracket and end.endswith("]") and len(end) < length // 2 else ""
+    return text if len(text) <= length else f"{text[: length - 1 - len(unit)]}\u2026{unit}"
 
 
 def slug(text: str) -> str:

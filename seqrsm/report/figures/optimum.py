@@ -205,7 +205,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
         axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
     axes.set_xticks(position, labels, **_label_style(labels))
     axes.set_xlim(-0.6, line.x.size - 0.4)
-    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_xlabel(shortened(axis_label(factor), 40))
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -271,7 +271,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         _mark_optimum(analysis, index, axes)
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
-    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_xlabel(shortened(axis_label(factor), 40))
     drawing.light_grid(axes)
 
 
@@ -357,7 +357,7 @@ def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor
     if ticks is not None or not 1e-4 <= max(abs(low), abs(high)) < 1e6:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
-    axis.set_label_text(shortened(axis_label(factor), 44))
+    axis.set_label_text(shortened(axis_label(factor), 40 if which == "x" else 28))
 
 
 def _log_ticks(low: float, high: float) -> list[float]:

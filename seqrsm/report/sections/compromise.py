@@ -93,8 +93,8 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
     axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
     star: dict[str, Any] = {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": drawing.INK, "zorder": 5}
     axes.scatter([x.value], [y.value], **star)
-    axes.set_xlabel(shortened(heading(x.name, x.unit), 44))
-    axes.set_ylabel(shortened(heading(y.name, y.unit), 36))
+    axes.set_xlabel(shortened(heading(x.name, x.unit), 40))
+    axes.set_ylabel(shortened(heading(y.name, y.unit), 28))
     drawing.light_grid(axes)
 
 
