@@ -12,6 +12,7 @@ from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import evidence, see_names
+from seqrsm.campaign.guards import see_units
 from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
@@ -46,6 +47,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
             runs, looks = store.runs(), store.looks()
             events = store.events() if history else ()
             bundles = store.events(kind=MEASURED)
+    see_units(spec, runs)
     applications = [
         latest_look(spec, one, runs, looks, measured_ground(bundles, one.name)) for one in spec.applications
     ]

@@ -125,8 +125,9 @@ def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> N
 
 
 def targets(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
-    """One target half-width is for scores of one unit."""
-    shared = [(i, one) for i, one in enumerate(applications) if one is not None and one.half_width is None]
+    """One target half-width is for scores of one unit; of measured scores and your own functions it may be unknown."""
+    known = [(i, one) for i, one in enumerate(applications) if one is not None and one.has_known_unit]
+    shared = [(i, one) for i, one in known if one.half_width is None]
     if len({one.score_unit for _, one in shared}) > 1:
         for index, one in shared:
             text = "scores of these applications have different units and share [stop] half_width"

@@ -200,6 +200,11 @@ class ApplicationSpec(Table):
         """Unit of the scores; "" where they have none."""
         return self._row.unit or self.unit
 
+    @property
+    def has_known_unit(self) -> bool:
+        """Whether the scores' unit is told, or known to be none."""
+        return bool(self.score_unit or self._row.function)
+
 
 class ConsiderationSpec(Table):
     """Another objective of a compromise: an exactly known function of the settings.
