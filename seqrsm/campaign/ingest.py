@@ -262,7 +262,7 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         lines = _few([row.line for row in outcome.equal])
         messages.append(
             f"{counted(len(outcome.equal), 'score')} without a run id not counted twice, equal to earlier scores in "
-            f"every column (lines {lines}). A true repeat must differ in a column such as date."
+            f"every column that both have (lines {lines}). A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":

@@ -126,7 +126,7 @@ def _loss_table(found: CompromiseEstimate) -> Table:
             (
                 item.name,
                 *(with_unit(format_number(score, places), item.unit) for score in scores),
-                format_range(item.interval.low, item.interval.high, places) if known else "exact",
+                with_unit(format_range(item.interval.low, item.interval.high, places), item.unit) if known else "exact",
                 number_cell(format_number(item.desirability, 2), item.desirability),
             )
         )
