@@ -345,6 +345,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     labels = block_labels(spec, data)
     if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
         found.append(f"Runs without a block, which count as one block of their own: {alone}.")
+    if spec.model.block is None and (named := len({*data.blocks} - {""})) > 1:
+        told = "intervals do not include how they differ"
+        found.append(f'The runs are of {named} blocks, and {told}: [model] block = "block" would include it.')
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
