@@ -413,3 +413,15 @@ def test_a_wrong_count_is_told_once(tmp_path):
     told = folder.call("ingest", folder.write("frequency,resolution,polarization,n,correct\n2,10,HH,0,0\n"), code=2)
     assert "n: a whole number of at least 1 is expected (got '0')" in told
     assert "score" not in told.replace("scores.csv", "")
+
+
+@pytest.mark.parametrize("more", ["", '[[application]]\nname = "yield"\nutility = "measured"\n[stop]'])
+def test_the_form_of_images_to_be_ranked_asks_for_no_score_of_them(tmp_path, more):
+    first = '[[application]]\nname = "crops"\nutility = "percent_correct"'
+    text = SPEC.format(more="").replace(first, '[[application]]\nname = "clear"\nutility = "rank"')
+    folder = Folder(tmp_path, text.replace("[stop]", more or "[stop]"))
+    folder.call("propose", "--source", "flight", "--csv", tmp_path / "form.csv")
+    header, *rows = (tmp_path / "form.csv").read_text(encoding="utf-8-sig").splitlines()
+    assert ("score" in header) == bool(more)
+    assert len(rows) == len(folder.runs())
+    assert all(",yield," in row for row in rows) == bool(more)
