@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -82,12 +83,9 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             continue
         for unit in units_like(factor.unit):
             if 2 * sum(_fits(factor, float(value), unit) for value in values) > len(values):
-                message = (
-                    f"no scored run lies in the range of '{factor.name}', and they would if their settings were in "
-                )
-                message += unit
-                remedy = "Restore unit and range in campaign.toml, or void the runs."
-                raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME), field="unit", value=factor.unit)
+                message = f"no scored run lies in the range of '{factor.name}', and they would if their settings"
+                place: dict[str, Any] = {"file": str(spec.folder / SPEC_NAME), "field": "unit", "value": factor.unit}
+                raise SpecError(f"{message} were in {unit}", "Restore unit and range, or void the runs.", **place)
 
 
 def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:
