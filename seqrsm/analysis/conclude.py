@@ -30,16 +30,15 @@ from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.spec.tables import ApplicationSpec
+from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
 
 
-def stop_rule(spec: CampaignSpec, ground_share: float = 0.0) -> StopRule:
+def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
     """The rule of ``[stop]``, with the share of a run's variance that is the ground's."""
-    stop = spec.stop
     return StopRule(
         interval=stop.interval,
         half_width=stop.half_width,
@@ -153,7 +152,7 @@ def _estimate(
     spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws, taken_off: float
 ) -> OptimumEstimate:
     stop, scale, share = spec.stop, fitted.scale, fitted.ground_share
-    whole, chance = (replace(stop_rule(spec, share), counts_ground=counts) for counts in (True, False))
+    whole, chance = (replace(stop_rule(stop, share), counts_ground=counts) for counts in (True, False))
     asked = (1.0, whole.replicates_of("prediction_mean"), whole.replicates_of(), chance.replicates_of())
     if fitted.surface.errors.exact:
         mean, found = intervals(belief, scale, best.point, stop.level, asked, taken_off)
@@ -229,7 +228,8 @@ def _decision(
     agreement: Agreement | None,
     known_map: bool,
 ) -> Decision:
-    rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
+    rule = stop_rule(spec.stop_of(application.name), fitted.ground_share)
+    fit, surface = fitted.fit, fitted.surface
     if surface.common_share and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
     lack = fit.lack_of_fit()
@@ -345,6 +345,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     labels = block_labels(spec, data)
     if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
         found.append(f"Runs without a block, which count as one block of their own: {alone}.")
+    if spec.model.block is None and (named := len({*data.blocks} - {""})) > 1:
+        told = "intervals do not include how they differ"
+        found.append(f'The runs are of {named} blocks, and {told}: [model] block = "block" would include it.')
     if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."

@@ -9,7 +9,15 @@ import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
 from seqrsm.analysis.ground import Ground
-from seqrsm.analysis.runs import LISTED_RUNS, ScoredRuns, block_labels, response_scale, scored_runs, setting_ids
+from seqrsm.analysis.runs import (
+    LISTED_RUNS,
+    ScoredRuns,
+    block_labels,
+    response_scale,
+    scored_runs,
+    see_names,
+    setting_ids,
+)
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.design.factors import settings_text
@@ -78,11 +86,7 @@ def fit_application(
     """
     region = spec.region
     data = scored_runs(region, runs, application.name)
-    known = {one.name for one in spec.applications}
-    others = dict.fromkeys(score.application for run in runs for score in run.scores if score.application not in known)
-    if others and not len(data.scores):
-        message = f"no run has a score of '{application.name}'; runs have scores of {', '.join(map(repr, others))}"
-        raise FitError(message, "Restore the name in campaign.toml, or ingest scores.", field="application")
+    see_names(spec, runs, application.name)
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     fit = fit_surface(spec, region, model, data, scale)

@@ -129,7 +129,7 @@ def summarise_posterior(
     low, high = fitted.application.score_limits
     best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
     regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
-    epsilon = 0.25 * spec.stop.half_width
+    epsilon = 0.25 * spec.stop_of(fitted.application.name).half_width
     tail = 0.5 * (1.0 - spec.stop.level)
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
     stop = spec.stop

@@ -90,6 +90,23 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
     )
 
 
+def see_names(spec: CampaignSpec, runs: Sequence[RunRecord], *applications: str) -> None:
+    """Refuse applications (by default all) that seem to be renamed: new runs would be an initial design once more.
+
+    Raises
+    ------
+    FitError
+        No run has a score of one, and some have scores of a name that the campaign no longer has.
+    """
+    scored = dict.fromkeys(score.application for run in runs if run.state == "scored" for score in run.scores)
+    others = [name for name in scored if name not in {one.name for one in spec.applications}]
+    for name in applications or [one.name for one in spec.applications]:
+        if others and name not in scored:
+            message = f"no run has a score of '{name}'; runs have scores of {', '.join(map(repr, others))}"
+            remedy = "Restore the name in campaign.toml, ingest scores, or void those runs."
+            raise FitError(message, remedy, field="application")
+
+
 def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
     """Settings (n, k) of runs, coded.
 

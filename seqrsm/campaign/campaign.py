@@ -31,9 +31,10 @@ from seqrsm.analysis.ground import (
     ranked_values,
 )
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import coded_settings, evidence, n_determined, scored_runs
+from seqrsm.analysis.runs import coded_settings, evidence, n_determined, scored_runs, see_names
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
+from seqrsm.campaign.guards import see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -111,6 +112,7 @@ class Campaign:
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs, bundles, ranked = self.store.runs(), self.store.events(kind=MEASURED), self.store.events(kind=RANKED)
+        see_units(self.spec, runs)
 
         def found(app: ApplicationSpec) -> Analysis:
             ground = measured_ground(bundles, app.name)
@@ -216,6 +218,8 @@ class Campaign:
             message = "campaign.toml was changed while this command was running"
             raise SpecError(message, "Repeat the command.", file=str(self.folder / SPEC_NAME))
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
+        see_names(self.spec, made)
+        see_units(self.spec, made)
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         analyses = analyses or self._looked(made, left)
@@ -272,13 +276,16 @@ class Campaign:
 
         Raises
         ------
-        StoreError
-            What scores are made from has changed since the runs so far; see `seqrsm.campaign.experiment`.
+        StoreError, FitError, SpecError
+            What scores are made from has changed since the runs so far, or what they are scores of; see
+            `seqrsm.campaign.experiment`, `see_names` and `see_units`.
         """
         if self.spec.simulator is not None:
             from seqrsm.campaign.experiment import see_experiment
 
             see_experiment(self.store, self.spec)
+        see_names(self.spec, runs := self.store.runs())
+        see_units(self.spec, runs)
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
         carried: set[int] = set()

@@ -210,7 +210,8 @@ class _Comparer:
         self.campaign, self.workers = campaign, workers
         score, sign = application.sufficient, sign_of(analysis.goal)
         relative = score is None
-        self.rule = Sufficing(-sign * self.spec.stop.half_width if score is None else score, relative, sign)
+        margin = self.spec.stop_of(application.name).half_width
+        self.rule = Sufficing(-sign * margin if score is None else score, relative, sign)
         self.level = self.spec.stop.level
         kind = self.spec.stop.interval
         self.runs = {"prediction": 1.0, "prediction_mean": float(self.spec.stop.replicates)}.get(kind, math.inf)

@@ -149,7 +149,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         spread = float("nan") if analysis is not None else _spread(spec, noise, own, progress)
         source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
         if len(spec.applications) > 1:
-            source += f"; of {spec.applications[own].name}, whose interval is widest"
+            source += f"; of {spec.applications[own].name}, the farthest from its target"
         if analysis is not None and analysis.fitted.ground is not None:
             share = analysis.fitted.ground_share
         covers = scene_at(str(spec.scene_path)).categories
@@ -160,7 +160,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     surfaces = _surfaces(spec, application, noise, spread, analysis)
     unit = application.score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
-    rule = stop_rule(spec, share)
+    rule = stop_rule(spec.stop_of(application.name), share)
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
@@ -322,12 +322,13 @@ def _probe_noise(
     scores = np.array([[score.score for score in result.scores] for result in results])
     groups = scores.reshape(len(settings), worlds, OCCASIONS, -1)
     found = []
-    for k in range(groups.shape[-1]):
+    for k, application in enumerate(spec.applications):
         of = [ground_of_scores(group[:, :, k]) for group in groups]
         ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
         share = min(float(ground / max(ground + chance, 1e-300)), MOST_SHARE)
         noise = float(np.sqrt(ground + chance))
-        found.append((stop_rule(spec, share).noise_floor(noise), noise, share))  # one target is set for all
+        rule = stop_rule(spec.stop_of(application.name), share)
+        found.append((rule.noise_floor(noise) / rule.half_width, noise, share))
     own = found.index(max(found))
     return *found[own][1:], own, len(settings) * (worlds - 1), seconds, tuple(notes)
 

@@ -147,18 +147,20 @@ def factor_columns(factors: Sequence[Factor]) -> list[FactorColumn]:
 def form_rows(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[list[str], list[list[object]]]:
     """Columns and rows of the form, a row for each run and application; None where somebody is to fill in.
 
-    Factors are in their own units; the block's column has the name of ``[model] block``.
+    Factors are in their own units; the block's column has the name of ``[model] block``. Where interpreters rank images
+    nobody fills in a score: the best rank, 1, would be the lowest.
     """
-    several = ["application"] if len(spec.applications) > 1 else []
-    block = spec.model.block or "block"
-    own = [name for name in dict.fromkeys((block, "score", "se", "note")) if name not in spec.region.names]
+    measured = [one for one in spec.applications if one.utility != "rank"]
+    several = ["application"] if measured and len(spec.applications) > 1 else []
+    block, score = spec.model.block or "block", ("score", "se") if measured else ()
+    own = [name for name in dict.fromkeys((block, *score, "note")) if name not in spec.region.names]
     rows: list[list[object]] = []
     for run in runs:
         cells = {block: run.block or None, "note": run.why}
         settings = [run.proposed[name] for name in spec.region.names]
         rows += [
             [run.run_id, *([one.name] if several else []), *settings, *(cells.get(name) for name in own)]
-            for one in spec.applications
+            for one in measured or spec.applications[:1]
         ]
     return ["run_id", *several, *spec.region.names, *own], rows
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
-from seqrsm.errors import Problem
+from seqrsm.errors import Problem, SpecError
 from seqrsm.score.cells import is_sentinel
 from seqrsm.score.flight import MeasuredScore, ScoresFile
-from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.store.records import RunRecord
 from seqrsm.units import unit_factor, units_like
 
 FAR = 3.0
@@ -67,6 +69,25 @@ def suspects(
     return problems
 
 
+def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Refuse a factor's unit that is not the one of the settings in the store, which are numbers.
+
+    Raises
+    ------
+    SpecError
+        No scored run lies in the factor's range, and most would in another unit.
+    """
+    for factor in spec.factors:
+        values = [run.settings[factor.name] for run in runs if run.state == "scored" and factor.name in run.settings]
+        if isinstance(factor, CategoricalFactor) or any(_fits(factor, float(value), factor.unit) for value in values):
+            continue
+        for unit in units_like(factor.unit):
+            if 2 * sum(_fits(factor, float(value), unit) for value in values) > len(values):
+                message = f"no scored run lies in the range of '{factor.name}', and they would if their settings"
+                place: dict[str, Any] = {"file": str(spec.folder / SPEC_NAME), "field": "unit", "value": factor.unit}
+                raise SpecError(f"{message} were in {unit}", "Restore unit and range, or void the runs.", **place)
+
+
 def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:
     shown = ", ".join(str(row.line) for row, _ in rows[:8])
     return f"line {shown}" if len(rows) == 1 else f"lines {shown}{', ...' if len(rows) > 8 else ''}"
@@ -95,7 +116,7 @@ def _fits(factor: NumericFactor, value: float, unit: str) -> bool:
     """Whether the value would lie within the range if it were in this unit."""
     low, high = span(factor)
     scale = unit_factor(unit, factor.unit)
-    return scale is not None and scale != 1.0 and low <= value * scale <= high
+    return scale is not None and low <= value * scale <= high
 
 
 def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]]) -> _Found:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
-from seqrsm.campaign.guards import block_of, suspects
+from seqrsm.campaign.guards import block_of, see_units, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
@@ -83,9 +83,10 @@ def ingest_files(
     ------
     ScoresFileError
         A file is wrong, or something in it looks wrong and is not accepted; nothing was changed.
-    StoreError
-        Rows that do not fit the runs of the campaign; nothing was changed.
+    StoreError, SpecError
+        Rows that do not fit the runs of the campaign, or runs that do not fit its region; nothing was changed.
     """
+    see_units(spec, store.runs())
     read: list[_Read] = []
     problems: list[Problem] = []
     for source in sources:
@@ -261,7 +262,7 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         lines = _few([row.line for row in outcome.equal])
         messages.append(
             f"{counted(len(outcome.equal), 'score')} without a run id not counted twice, equal to earlier scores in "
-            f"every column (lines {lines}). A true repeat must differ in a column such as date."
+            f"every column that both have (lines {lines}). A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":

@@ -11,7 +11,8 @@ from statistics import median
 from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
-from seqrsm.analysis.runs import evidence
+from seqrsm.analysis.runs import evidence, see_names
+from seqrsm.campaign.guards import see_units
 from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
@@ -46,6 +47,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
             runs, looks = store.runs(), store.looks()
             events = store.events() if history else ()
             bundles = store.events(kind=MEASURED)
+    see_units(spec, runs)
     applications = [
         latest_look(spec, one, runs, looks, measured_ground(bundles, one.name)) for one in spec.applications
     ]
@@ -56,7 +58,6 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "sources": dict(Counter(run.source for run in runs if run.state == "scored")),
         "max_runs": spec.stop.max_runs,
         "interval": spec.stop.interval,
-        "target_half_width": spec.stop.half_width,
         "level": spec.stop.level,
         "units": {factor.name: factor.unit for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
@@ -101,24 +102,27 @@ def latest_look(
     Returns
     -------
     dict
-        ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
+        ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None before the first fit),
+        ``reason`` (why it is None).
     """
     from seqrsm.analysis.conclude import analyse
     from seqrsm.analysis.to_json import look_summary
 
     mine = [look for look in looks if look.application == application.name]
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
+    found["target_half_width"] = spec.stop_of(application.name).half_width
     if mine:
         found["last_look"] = mine[-1].summary
     given = {run.run_id: score for run in runs if run.state == "scored" and (score := run.score_of(application.name))}
     scored = [run for run in evidence(runs) if run.run_id in given]
     newest = max((score.scored_at for score in given.values()), default="")
-    # Rankings change scores without adding any.
-    if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
-        look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
-        made_of = (spec.spec_hash, application.name, runs, ground)
-        try:
+    try:
+        see_names(spec, runs, application.name)
+        # Rankings change scores without adding any.
+        if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
+            look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
+            made_of = (spec.spec_hash, application.name, runs, ground)
             found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
-        except FitError as error:
-            found["reason"] = f"{len(scored)} scored runs: {error}"
+    except FitError as error:
+        found["reason"] = f"{len(scored)} scored runs: {error}" if scored else str(error)
     return found

@@ -9,6 +9,7 @@ import gc
 import io
 import os
 import sys
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -80,6 +81,7 @@ def main() -> None:
     # make last digits depend on the machine's cores. Set before anything imports numpy; the user's own setting stays.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    warnings.showwarning = lambda message, *_: say(f"warning: {message}")
     gc.set_threshold(50_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

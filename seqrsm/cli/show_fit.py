@@ -16,13 +16,21 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Section
-from seqrsm.report.rounding import format_plain, format_significant
+from seqrsm.report.rounding import format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section, term_test_table
 from seqrsm.report.sections.summary import result_section, summary_section
-from seqrsm.report.wording import ground_name, parts_of_width, readable, told_settings, watched_interval, with_unit
+from seqrsm.report.wording import (
+    ground_name,
+    parts_of_width,
+    readable,
+    target_texts,
+    told_settings,
+    watched_interval,
+    with_unit,
+)
 from seqrsm.spec.read import CampaignSpec
 
 if TYPE_CHECKING:
@@ -86,20 +94,19 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     mean = with_unit(format_significant(analysis.optimum.mean, 3), analysis.score_unit)
     say(
         f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
-        f"(target {spec.stop.half_width:g}{parts_of_width(analysis)})  {rest}"
+        f"(target {spec.stop_of(analysis.application).half_width:g}{parts_of_width(analysis)})  {rest}"
     )
 
 
 def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
-    units = {application["unit"] for application in result["applications"]}
-    target = with_unit(format_plain(result["target_half_width"]), units.pop() if len(units) == 1 else "")
+    targets = " and ".join(dict.fromkeys(f"\u00b1 {target}" for target in target_texts(spec).values()))
     cost = result["cost_spent"]
     rows = [
         ["runs", states],
         ["budget", f"{result['max_runs']} runs; cost spent {with_unit(f'{cost:g}', spec.cost.unit)}"],
-        ["target", f"{watched_interval(spec.stop)}, \u00b1 {target} at {100 * result['level']:g} %"],
+        ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:
         scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
@@ -135,7 +142,7 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
             width = with_unit(known_text(best[kind]["half_width"], 3 if watched else 2), unit)
-            target = with_unit(format_plain(result["target_half_width"]), unit)
+            target = target_texts(spec)[application["name"]]
             line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
     heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")
     for reason in look["reasons"]:

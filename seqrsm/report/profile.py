@@ -39,7 +39,7 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     levels = _levels(analysis)
     starts = [int(np.argmin(np.abs(np.array(coded) - best.point[j]))) for j, coded in enumerate(levels)]
     points = np.array(list(itertools.product(*levels)))
-    found, places = predict(analysis, points), max(score_decimals(analysis), 0)
+    found, places = predict(analysis, points), score_decimals(analysis)
     means = (found.mean, found.confidence.low, found.confidence.high)
     future, to_score = (found.prediction.low, found.prediction.high), analysis.scale.to_score
     lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)

@@ -29,6 +29,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import StopSpec
 from seqrsm.store.records import RunRecord
 
@@ -73,6 +74,12 @@ def readable_term(name: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """Append a unit, if there is one, on the same line."""
     return f"{text}\u00a0{unit}" if unit else text
+
+
+def target_texts(spec: CampaignSpec) -> dict[str, str]:
+    """Target half-width of each application, with its unit."""
+    targets = {one: format_plain(spec.stop_of(one.name).half_width) for one in spec.applications}
+    return {one.name: with_unit(target, one.score_unit) for one, target in targets.items()}
 
 
 def axis_label(factor: Factor) -> str:
@@ -193,8 +200,10 @@ def level_labels(factor: CategoricalFactor | DiscreteFactor) -> list[str]:
 
 
 def shortened(text: str, length: int) -> str:
-    """Cut a long text for a drawing, where it would push the axes out; tables hold it in full."""
-    return text if len(text) <= length else f"{text[: length - 1]}\u2026"
+    """Cut a long text for a drawing, where it would push the axes out, but not its unit; tables hold it in full."""
+    _, bracket, end = text.rpartition(" [")
+    unit = bracket + end if bracket and end.endswith("]") and len(end) < length // 2 else ""
+    return text if len(text) <= length else f"{text[: length - 1 - len(unit)]}\u2026{unit}"
 
 
 def slug(text: str) -> str:

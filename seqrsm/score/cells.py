@@ -41,6 +41,11 @@ class Measure:
     is_percent: bool = False
     unit: str = ""
 
+    @property
+    def score_unit(self) -> str:
+        """Unit in words."""
+        return "percent" if self.is_percent else self.unit
+
 
 def split_header(text: str) -> tuple[str, str]:
     """Name and unit of a header cell such as ``frequency [GHz]`` or ``frequency (GHz)``."""
@@ -127,6 +132,7 @@ class CellReader:
         self.factors = factors
         self.table = read_table(self.file.name, self.file.data, lambda text: split_header(text)[0] in self.meant)
         self.measures = {measure.name: measure for measure in measures}
+        self.told_units: dict[str, str] = {}
         self.problems: list[Problem] = []
         self.columns: dict[str, int] = {}
         self.scales: dict[str, float] = {}
@@ -197,8 +203,9 @@ class CellReader:
                     wanted = "It is dimensionless: omit the unit."
                 self.add("the unit cannot be converted", wanted, line, name, unit)
         elif unit and name in ("score", "se"):
-            theirs = {"percent" if one.is_percent else one.unit for one in self.measures.values()}
-            if {"%": "percent"}.get(unit, unit) not in theirs:
+            theirs = {one.score_unit for one in self.measures.values()}
+            self.told_units[name] = {"%": "percent"}.get(unit, unit)
+            if self.told_units[name] not in theirs:
                 headers = " or ".join(f"{name} [{one}]" if one else name for one in sorted(theirs))
                 remedy = f"Convert them where needed, and write the header as: {headers}"
                 self.add("this is not the unit of the scores", remedy, line, name, unit)

@@ -190,7 +190,12 @@ class _Reader(CellReader):
             self.add("no such source", f"Write {' or '.join(SOURCES)}. {hint}", line, "source", text["source"])
         if not (text["score"] or text["n"] or text["correct"]):
             return None
-        numbers = self.numbers(text, line, self.measures.get(application, Measure(application)))
+        measure = self.measures.get(application, Measure(application))
+        for name, unit in self.told_units.items():
+            if text[name] and application in self.measures and unit != measure.score_unit:
+                message = f"scores of '{application}' are in {measure.score_unit or 'no unit'}"
+                self.add(message, "Convert them, and omit the unit of the header.", line, name, unit)
+        numbers = self.numbers(text, line, measure)
         if len(self.problems) > before:
             return None
         score, se, n, correct = numbers

@@ -124,6 +124,17 @@ def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> N
             report.add((*path, "unit"), text, "Remove the key.", application.unit)
 
 
+def targets(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
+    """One target half-width is for scores of one unit; of measured scores and your own functions it may be unknown."""
+    known = [(i, one) for i, one in enumerate(applications) if one is not None and one.has_known_unit]
+    shared = [(i, one) for i, one in known if one.half_width is None]
+    if len({one.score_unit for _, one in shared}) > 1:
+        for index, one in shared:
+            text = "scores of these applications have different units and share [stop] half_width"
+            remedy = f"Add half_width = NUMBER{f', in {one.score_unit}' if one.score_unit else ''}."
+            report.add(("application", index, "half_width"), text, remedy)
+
+
 def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
     """Expressions of considerations: arithmetic in numeric factors, and in the parts of levels."""
     numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]

@@ -16,8 +16,9 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and others of
     :mod:`seqrsm.score.utilities`, or "package.module:function"; ``goal`` ("maximize", or "minimize", the default for
     errors); ``weight`` (1); ``unacceptable`` and ``ideal``: scores with desirability 0 and 1 in a compromise, by
-    default the worst and best of the fitted surface; ``sufficient``: score from which a candidate suffices, by default
-    that of the optimum minus ``[stop] half_width``; ``catalog`` (words of the name or description): words the report
+    default the worst and best of the fitted surface; ``half_width``: target in place of that of ``[stop]``, required
+    where applications have scores of different units; ``sufficient``: score from which a candidate suffices, by default
+    that of the optimum minus the target half-width; ``catalog`` (words of the name or description): words the report
     looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of measured scores and of your own
     functions.
 ``[application.prior]``, below its ``[[application]]``
@@ -212,6 +213,11 @@ class CampaignSpec:
         known = ", ".join(application.name for application in self.applications)
         raise SpecError("no such application", f"Applications: {known}.", field="application", value=name)
 
+    def stop_of(self, name: str) -> StopSpec:
+        """``[stop]`` with the target half-width of the application of this name."""
+        half_width = self.application(name).half_width
+        return self.stop if half_width is None else self.stop.model_copy(update={"half_width": half_width})
+
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
     """Read and check a campaign's specification.
@@ -325,6 +331,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_checks.simulator(folder, raw["simulator"], names, report)
         spec_sensors.members(sensors, written, raw["simulator"].get("fixed"), report)
     spec_checks.goals(applications, report)
+    spec_checks.targets(applications, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", repeated["consideration"], report)

@@ -143,8 +143,10 @@ class ApplicationSpec(Table):
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
         Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    half_width : float or None
+        Target half-width in the unit of its scores; None: that of ``[stop]``.
     sufficient : float or None
-        Score from which on a sensor suffices; None: that of the optimum, less the half-width of ``[stop]``.
+        Score from which on a sensor suffices; None: that of the optimum, less the target half-width.
     catalog : str
         Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
     unit : str
@@ -158,6 +160,7 @@ class ApplicationSpec(Table):
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
+    half_width: PositiveNumber | None = None
     sufficient: Number | None = None
     catalog: str = ""
     unit: str = ""
@@ -196,6 +199,11 @@ class ApplicationSpec(Table):
     def score_unit(self) -> str:
         """Unit of the scores; "" where they have none."""
         return self._row.unit or self.unit
+
+    @property
+    def has_known_unit(self) -> bool:
+        """Whether the scores' unit is told, or known to be none."""
+        return bool(self.score_unit or self._row.function)
 
 
 class ConsiderationSpec(Table):

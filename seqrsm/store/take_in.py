@@ -8,6 +8,7 @@ results, the only rows of the store that are overwritten; every change is an eve
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,8 +71,10 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         old = found[0] if found else None
         _refuse_ranked(ranked_already, run, file.name, problems)
         if twin is not None:
-            equal += [EqualRow(score.source_row, twin.run_id, twin.state) for score in run.scores]
-        if twin is not None and twin.state == "void":
+            new = tuple(score for score in run.scores if twin.score_of(score.application) is None)
+            equal += [EqualRow(score.source_row, twin.run_id, twin.state) for score in run.scores if score not in new]
+            run = replace(run, scores=new)
+        if twin is not None and (twin.state == "void" or not run.scores):
             unchanged.append(twin.run_id)
         elif wanted is not None and old is None:
             remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
@@ -110,12 +113,16 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     )
 
 
+_ROUNDED = 0.5
+"""Percent by which a score may differ from that of its counts; a file is refused where it differs more."""
+
+
 class _KnownRuns:
     """Measured runs of earlier files, each to be taken once by a row that says the same.
 
     A file that was saved anew, or has grown, or has lost its run ids, brings its rows again: a row that has the same
-    settings, block, scores, errors and counts, and the same text in every column that both have, is that row. Real
-    repeats differ, at least in the date or a note, or stand in one file, where each row takes another run.
+    settings, block and scores, and the same in every column that both have, is that row. Real repeats differ, at least
+    in the date or a note, or stand in one file, where each row takes another run.
     """
 
     def __init__(self, runs: Iterable[RunRecord]) -> None:
@@ -135,17 +142,31 @@ class _KnownRuns:
 
 
 def _key(settings: Mapping[str, float | str], score: NewScore | ScoreRecord) -> object:
-    return tuple(sorted(settings.items())), score.application, score.score
+    return tuple(sorted(settings.items())), score.application
 
 
 def _repeats(scores: Sequence[NewScore], run: RunRecord) -> bool:
     """Whether a run has these scores, as far as it has scores of their applications."""
     pairs = [(new, old) for new in scores if (old := run.score_of(new.application)) is not None]
     return bool(pairs) and all(
-        (new.score, new.se, new.n, new.correct) == (old.score, old.se, old.n, old.correct)
+        _same_number(new, old)
         and all(old.metadata[name] == value for name, value in new.metadata.items() if name in old.metadata)
         for new, old in pairs
     )
+
+
+def _same_number(new: NewScore, old: ScoreRecord) -> bool:
+    """Whether the scores are equal, or percentages of the same counts, of which one may be rounded."""
+    if _is_share(new) and _is_share(old):
+        return (new.n, new.correct) == (old.n, old.correct)
+    pairs = ((new.score, old.score), (new.se, old.se), (new.n, old.n), (new.correct, old.correct))
+    return all(one == other for one, other in pairs if one is not None and other is not None)
+
+
+def _is_share(score: NewScore | ScoreRecord) -> bool:
+    if score.n is None or score.correct is None:
+        return False
+    return abs(score.score - 100.0 * score.correct / score.n) <= _ROUNDED
 
 
 def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:

@@ -439,7 +439,9 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
 def test_check_of_several_applications_is_of_the_one_farthest_from_the_target(tmp_path, tiny_scene) -> None:
     """Not the noise of one with the unit and the spread of another; and by more worlds than a few."""
     two = TINY.replace('levels = ["HH", "HH+HV"]', 'levels = ["HH", "VV"]').replace(
-        "[simulator]", '[[application]]\nname = "wild"\nutility = "mine:wild"\nunit = "dB"\n\n[simulator]', 1
+        "[simulator]",
+        '[[application]]\nname = "wild"\nutility = "mine:wild"\nunit = "dB"\nhalf_width = 9\n[simulator]',
+        1,
     )
     folder = make_tiny(tmp_path / "two", tiny_scene, two)
     wild = "import numpy as np\ndef wild(image, scene, *, seed, run_id):\n"
@@ -447,8 +449,7 @@ def test_check_of_several_applications_is_of_the_one_farthest_from_the_target(tm
     (folder / "mine.py").write_text(wild, encoding="utf-8")
     found = json.loads(seqrsm("check", folder, "--json").stdout)
     assert found["unit"] == "dB"
-    assert (
-        found["noise_source"] == "simulations at the centre, 10 degrees of freedom; of wild, whose interval is widest"
-    )
+    told = "simulations at the centre, 10 degrees of freedom; of wild, the farthest from its target"
+    assert found["noise_source"] == told
     assert 4e3 < found["noise"] < 2e4
     assert found["plans"][0]["half_width"] > 1e3

@@ -249,12 +249,44 @@ def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> N
         assert told.count("error:") == 1
 
 
+def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> None:
+    """The store holds numbers: 600 m would be taken for 600 km."""
+    height = '[[factor]]\nname = "height"\nunit = "m"\nlow = 600\nhigh = 6000\nscale = "log"\n'
+    folder = make(tmp_path / "c", height, "half_width = 1\nmax_runs = 40")
+    rows = fly(folder, lambda row, n: 80.0 - (float(row["height"]) / 1000.0 - 3.0) ** 2 + noise(n), 2)
+    edited(folder, 'unit = "m"\nlow = 600\nhigh = 6000', 'unit = "km"\nlow = 0.6\nhigh = 6')
+    new = folder / "new.csv"
+    new.write_text("height [km],score\n3.3,79\n", encoding="utf-8")
+    for command in (["fit", folder], ["propose", folder], ["status", folder], ["ingest", folder, new, "--accept"]):
+        told = " ".join(call(*command, code=2).output.split())
+        assert "no scored run lies in the range of 'height', and they would if their settings were in m" in told
+    edited(folder, 'unit = "km"\nlow = 0.6\nhigh = 6', 'unit = "m"\nlow = 100\nhigh = 500')
+    assert f"Runs outside the region, included in the fit: {len(rows)}" in call("fit", folder).output  # as wanted
+
+
+def test_each_application_has_its_own_target(tmp_path) -> None:
+    """Two applications with the same scores, of which one asks for less."""
+    wide = 'half_width = 50\n[[application]]\nname = "other"\nutility = "measured"\nunit = "m3/m3"\nhalf_width = 0.5\n'
+    folder = make(tmp_path / "c", numeric(1), "half_width = 1\nmax_runs = 40", wide)
+    fly(folder, bowl, 4)
+    found = json.loads(call("status", folder, "--json").stdout)["applications"]
+    assert [one["target_half_width"] for one in found] == [50.0, 0.5]
+    assert [one["last_look"]["held"] for one in found] == [True, False]
+    told = call("status", folder).output.replace("\N{NO-BREAK SPACE}", " ")
+    assert "target \u00b1 0.5 m3/m3" in told
+    told = call("fit", folder).output.replace("\N{NO-BREAK SPACE}", " ")
+    assert ["losing more than 12.5:" in told, "losing more than 0.125 m3/m3:" in told] == [True, True]  # a quarter
+
+
 def test_a_renamed_application_is_told(tmp_path) -> None:
     folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
     fly(folder, bowl, 1)
+    before = json.loads(call("status", folder, "--json").stdout)["runs"]
     edited(folder, 'name = "score"', 'name = "yield"')
-    told = call("fit", folder, code=2).output
-    assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in " ".join(told.split())
+    for command, code in (("fit", 2), ("propose", 2), ("status", 0)):
+        told = " ".join(call(command, folder, code=code).output.split())
+        assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in told
+    assert json.loads(call("status", folder, "--json").stdout)["runs"] == before
 
 
 @pytest.mark.filterwarnings("error")

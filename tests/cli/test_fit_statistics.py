@@ -682,3 +682,14 @@ def test_flights_far_from_simulations_are_told(tmp_path: Path) -> None:
     ):
         warnings = fit(make(tmp_path / name, X + FREQUENCY, given, model))["warnings"]
         assert any(says in text for text in warnings) == told
+
+
+def test_blocks_that_the_model_leaves_out_are_told(tmp_path: Path) -> None:
+    rows, _ = days(24, 2.0, 1)
+    told = "The runs are of 6 blocks"
+    left_out = fit(make(tmp_path / "a", X + FREQUENCY, rows))
+    assert sum(told in text for text in left_out["warnings"]) == 1
+    used = fit(make(tmp_path / "b", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
+    assert not any(told in text for text in used["warnings"])
+    one = fit(make(tmp_path / "c", X + FREQUENCY, quadratic(24, block=["day"] * 24)))
+    assert not any("blocks" in text for text in one["warnings"])

@@ -154,6 +154,35 @@ def test_a_file_twice_never_doubles_a_score(make, dialect):
     assert len(folder.runs()) == (4 if dialect == "CRLF" else 3)  # another date: another flight
 
 
+@pytest.mark.parametrize(
+    ("first", "then"),
+    [
+        (
+            "n,correct\n1.5,12,HH,223,158\n1.5,12,HH,40,20\n",
+            "n,correct,score\n1.5,12,HH,223,158,70.85\n1.5,12,HH,40,20,50\n",
+        ),
+        ("score\n1.5,12,HH,70\n1.5,12,HH,70\n", "score,se\n1.5,12,HH,70,2\n1.5,12,HH,70,3\n"),
+        ("score,se\n1.5,12,HH,70,2\n1.5,12,HH,70,3\n", "score\n1.5,12,HH,70\n1.5,12,HH,70\n"),
+        ("score\n1.5,12,HH,70.85\n2,12,HH,50\n", "score,n,correct\n1.5,12,HH,70.85,223,158\n2,12,HH,50,40,20\n"),
+    ],
+)
+def test_a_file_with_one_more_column_of_numbers_doubles_no_score(make, first, then):
+    folder = make()
+    start = HEADER.removesuffix("score")
+    folder.ingest(start + first, "--accept")
+    told = folder.ingest(start + then, "--accept", name="again.csv")
+    assert "2 scores without a run id not counted twice" in told
+    assert len(folder.runs()) == 2
+    other = (
+        then.replace("223,158", "223,157")
+        .replace("70,2", "71,2")
+        .replace("HH,70\n", "HH,71\n")
+        .replace("70.85", "70.4")
+    )
+    folder.ingest(start + other, "--accept", name="other.csv")
+    assert len(folder.runs()) > 2  # another score is another run
+
+
 def test_a_void_row_stays_out_when_its_file_comes_again(make):
     folder = make()
     folder.ingest(f"{HEADER}\n1.5,12,HH,70\n")
@@ -234,7 +263,10 @@ def test_one_of_a_kind_is_told_in_the_singular(make):
     assert "1 proposed run was made at other settings (1)" in folder.ingest(f"run_id,{HEADER}\n1,1.7,12,HH,70\n")
     folder.ingest(f"{HEADER}\n1.5,12,HH,70\n", name="b.csv")
     told = folder.ingest(f"{HEADER},note\n1.5,12,HH,70,\n", name="c.csv")
-    assert "1 score without a run id not counted twice, equal to earlier scores in every column (lines 2)" in told
+    assert (
+        "1 score without a run id not counted twice, equal to earlier scores in every column that both have (lines 2)"
+        in told
+    )
 
 
 # -- rankings ---------------------------------------------------------------------------------------------------------
@@ -381,3 +413,15 @@ def test_a_wrong_count_is_told_once(tmp_path):
     told = folder.call("ingest", folder.write("frequency,resolution,polarization,n,correct\n2,10,HH,0,0\n"), code=2)
     assert "n: a whole number of at least 1 is expected (got '0')" in told
     assert "score" not in told.replace("scores.csv", "")
+
+
+@pytest.mark.parametrize("more", ["", '[[application]]\nname = "yield"\nutility = "measured"\n[stop]'])
+def test_the_form_of_images_to_be_ranked_asks_for_no_score_of_them(tmp_path, more):
+    first = '[[application]]\nname = "crops"\nutility = "percent_correct"'
+    text = SPEC.format(more="").replace(first, '[[application]]\nname = "clear"\nutility = "rank"')
+    folder = Folder(tmp_path, text.replace("[stop]", more or "[stop]"))
+    folder.call("propose", "--source", "flight", "--csv", tmp_path / "form.csv")
+    header, *rows = (tmp_path / "form.csv").read_text(encoding="utf-8-sig").splitlines()
+    assert ("score" in header) == bool(more)
+    assert len(rows) == len(folder.runs())
+    assert all(",yield," in row for row in rows) == bool(more)

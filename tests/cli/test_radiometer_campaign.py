@@ -42,6 +42,7 @@ goal = "minimize"
 [[application]]
 name = "water"
 utility = "f1 of Water"
+half_width = 3.0
 
 [simulator]
 engine = "prm"

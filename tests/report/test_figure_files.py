@@ -12,6 +12,7 @@ from pypdf import PdfReader
 from report_dossiers import truth_score, two_uses
 
 from seqrsm.report.content import build_report
+from seqrsm.report.figures import drawing as drawn
 from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, svg_for_html, tell
 from seqrsm.report.figures.files import named_panels, write_figures
 from seqrsm.report.wording import slug
@@ -123,3 +124,18 @@ def test_marks_tell_their_run_without_any_script():
     from xml.etree import ElementTree
 
     ElementTree.parse(io.StringIO(drawing))
+
+
+def test_signs_that_no_font_has_are_told_once_and_in_our_words(recwarn) -> None:
+    drawn._warn_once.cache_clear()
+    for _ in range(2):
+        draw(lambda axes: axes.set_xlabel("\ue000\ue001"))
+    assert [str(one.message) for one in recwarn] == [drawn.NO_FONT]
+
+
+@pytest.mark.skipif(len(drawn._families()) == 1, reason="no font for Chinese")
+def test_chinese_is_drawn_by_a_font_that_has_it(recwarn) -> None:
+    drawn._warn_once.cache_clear()
+    water, flat = (draw(lambda axes, sign=sign: axes.set_xlabel(sign)) for sign in "\u6c34\u5e73")
+    assert water != flat
+    assert not list(recwarn)

@@ -19,6 +19,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.figures.surfaces import chosen_pairs, line, surface
 from seqrsm.report.html import render_html
 from seqrsm.report.profile import MOST_NODES, profile, profile_text
+from seqrsm.report.rounding import format_number
 from seqrsm.report.wording import optimum_setting_text
 
 
@@ -97,17 +98,26 @@ def test_text_cannot_end_its_element(simulated):
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_the_browser_shows_the_first_row(simulated, tmp_path):
-    (tmp_path / "page.html").write_text(render_html(build_report(simulated)), encoding="utf-8")
+@pytest.mark.parametrize("power", [0, 8, -9])
+def test_the_browser_shows_the_first_row(simulated, tmp_path, power):
+    """In the digits of the report's text: with powers of ten where scores are huge or tiny."""
+    analysis = simulated.analyses[0]
+    found = profile(analysis)
+    places = found["places"] - power
+    rows = [[*(None if value is None else value * 10.0**power for value in row[:5]), row[5]] for row in found["rows"]]
+    other = json.dumps({**found, "rows": rows, "places": places})
+    page = render_html(build_report(simulated)).replace(profile_text(analysis), other)
+    (tmp_path / "page.html").write_text(page, encoding="utf-8")
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
         f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", (tmp_path / "page.html").as_uri(),
     ]  # fmt: skip
     shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
     (said,) = re.findall(r'<p aria-live="polite" class="said">(.*?)</p>', shown)
-    best, places = simulated.analyses[0].optimum, profile(simulated.analyses[0])["places"]
-    assert html.unescape(said).startswith(
-        f"Mean score {best.mean:.{places}f} (95\u00a0% confidence {best.confidence.low:.{places}f} to "
+    best = analysis.optimum
+    mean, low = (
+        format_number(round(value, found["places"]) * 10.0**power, places) for value in (best.mean, best.confidence.low)
     )
+    assert html.unescape(said).startswith(f"Mean score {mean} (95\u00a0% confidence {low} to ")
     assert len(re.findall(r'<input id="profile-0-', shown)) == simulated.spec.region.k
     assert len(re.findall(r'<label for="profile-0-', shown)) == simulated.spec.region.k

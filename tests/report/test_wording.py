@@ -15,6 +15,7 @@ from seqrsm.report.wording import (
     readable,
     readable_term,
     readable_text,
+    shortened,
     told_settings,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
@@ -82,3 +83,10 @@ def test_rounded_settings_obey_the_constraints():
     assert told_settings(free, at, spreads) == {"frequency": "1.4", "resolution": "190"}
     assert told_settings(held, at, spreads) == {"frequency": "1.4", "resolution": "192.8"}
     assert told_settings(held, {**at, "resolution": 204.0}, spreads)["resolution"] == "200"
+
+
+def test_a_shortened_name_keeps_its_unit() -> None:
+    assert shortened("angle [deg]", 12) == "angle [deg]"
+    assert shortened("ground resolution of the product [m]", 20) == "ground resoluti\u2026 [m]"
+    assert shortened("a level [with] brackets and more of it", 12) == "a level [wi\u2026"
+    assert shortened("x [" + 30 * "y" + "]", 12) == "x [yyyyyyyy\u2026"

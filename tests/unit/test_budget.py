@@ -61,7 +61,7 @@ def test_a_plane_is_as_the_formula_says() -> None:
 def test_as_a_campaign_really_went(runs: int, half_width: float) -> None:
     """campaigns/langegracht-radar: its half-widths by the runs so far, its scatter, and that of its surface."""
     spec = load_spec(CAMPAIGNS / "langegracht-radar")
-    rule = replace(stop_rule(spec, 0.41), max_runs=runs)
+    rule = replace(stop_rule(spec.stop, 0.41), max_runs=runs)
     plans, _ = asked(spec.region, rule, random_surfaces(spec.region, 5.02, 8.0, "", 1))
     assert plans[0].half_width == pytest.approx(half_width, rel=0.25)
 

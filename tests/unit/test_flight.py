@@ -273,3 +273,14 @@ def test_unit_factors(unit, wanted, factor):
 @pytest.mark.parametrize(("unit", "wanted"), [("m", "GHz"), ("furlong", "m"), ("m", "")])
 def test_units_that_do_not_fit(unit, wanted):
     assert unit_factor(unit, wanted) is None
+
+
+def test_a_unit_in_the_header_is_that_of_every_row(read) -> None:
+    """Of two applications in one file: 0.06 percent are no 0.06 m3/m3."""
+    two = (Measure("crops", True), Measure("moisture", unit="m3/m3"))
+    head = "frequency,looks,polarization,application,score"
+    rows = "1,4,HH,crops,70\n1,8,HH,moisture,0.06\n"
+    with pytest.raises(ScoresFileError, match="scores of 'moisture' are in m3/m3") as caught:
+        read(f"{head} [%]\n{rows}", two)
+    assert [(one.line, one.field, one.value) for one in caught.value.problems] == [(3, "score", "percent")]
+    assert len(read(f"{head}\n{rows}", two).scores) == 2

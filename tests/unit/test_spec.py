@@ -280,6 +280,20 @@ def test_one_fault(load, old, new, line, field, says):
     assert Path(problem.file).name == SPEC_NAME
 
 
+def test_scores_of_different_units_share_no_target(load):
+    """A target of 4 percent would be met by any error in m3/m3 whatever."""
+    second = '[[application]]\nname = "b"\nutility = "measured"\nunit = "m3/m3"\ngoal = "minimize"\n[stop]'
+    text = GOOD.replace("[stop]", second)
+    found = problems(load, text)
+    assert [problem.remedy for problem in found] == [
+        "Add half_width = NUMBER, in percent.",
+        "Add half_width = NUMBER, in m3/m3.",
+    ]
+    assert all("share [stop] half_width" in problem.message for problem in found)
+    spec = load(text.replace('unit = "m3/m3"', 'unit = "m3/m3"\nhalf_width = 0.02'))
+    assert [spec.stop_of(one.name).half_width for one in spec.applications] == [4.0, 0.02]
+
+
 def test_all_faults_at_once_in_order(load):
     text = GOOD
     for old, new in [
@@ -299,7 +313,7 @@ def test_all_faults_at_once_in_order(load):
 
 
 def test_applications_need_different_names(load):
-    second = '[[application]]\nname = "crop-classification"\nutility = "rank"\n'
+    second = '[[application]]\nname = "crop-classification"\nutility = "percent_correct"\n'
     (problem,) = problems(load, GOOD + second)
     assert problem.field == "application 'crop-classification': name"
     assert problem.line == GOOD.count("\n") + 2

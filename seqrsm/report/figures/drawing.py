@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.report.blocks import Panel, PanelData
@@ -48,7 +49,6 @@ PANEL_HEIGHT_IN = 2.1
 _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "seqrsm",
-    "font.family": ["DejaVu Sans"],
     "mathtext.fontset": "dejavusans",
     "font.size": 8.0,
     "axes.titlesize": 9.0,
@@ -85,6 +85,16 @@ _STYLE: Any = {
     "contour.negative_linestyle": "solid",
 }
 
+_CJK_FONTS = (
+    *("Noto Sans CJK SC", "Noto Sans CJK JP", "Source Han Sans SC", "Droid Sans Fallback", "WenQuanYi Zen Hei"),
+    *("Microsoft YaHei", "Yu Gothic", "MS Gothic", "Malgun Gothic", "PingFang SC", "Hiragino Sans", "Arial Unicode MS"),
+)
+NO_FONT = (
+    "figures show boxes for characters that no font at hand has (text and tables are complete); for Chinese, Japanese "
+    "and Korean install Noto Sans CJK, and remove matplotlib's font cache"
+)
+"""Warning where names hold such characters."""
+
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 _ID = re.compile(r'\bid="([^"]+)"')
@@ -118,7 +128,8 @@ def draw(paint: Callable[[Axes], None], width_in: float = PANEL_WIDTH_IN, height
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context({**_STYLE, "font.family": _families()}), warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         canvas = FigureCanvasSVG(figure)
         paint(figure.add_subplot())
@@ -126,7 +137,22 @@ def draw(paint: Callable[[Axes], None], width_in: float = PANEL_WIDTH_IN, height
         # Not by savefig, which draws once more before, for boxes that nobody asks for.
         metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
         canvas.print_svg(buffer, metadata=metadata)  # type: ignore[no-untyped-call]
+    for text in dict.fromkeys(NO_FONT if "Glyph" in str(one.message) else str(one.message) for one in told):
+        _warn_once(text)
     return _TIPS.sub(_write_tips, _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue()))).strip()
+
+
+@cache
+def _warn_once(text: str) -> None:
+    warnings.warn(text, stacklevel=3)
+
+
+@cache
+def _families() -> list[str]:
+    """The fonts of drawings: one that comes with matplotlib, then those installed that have other scripts."""
+    from matplotlib.font_manager import fontManager
+
+    return ["DejaVu Sans", *(name for name in _CJK_FONTS if name in fontManager.get_font_names())]
 
 
 def panel(

@@ -25,6 +25,8 @@ from seqrsm.spec.tables import StopSpec
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_MANY = 150
+"""Marks of runs that are drawn in full size."""
 _CLOUD_POINTS = 220
 _FAR = 3.0
 """Times the widest interval beyond which a target is not drawn: the intervals would be points."""
@@ -55,7 +57,8 @@ def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, fl
     bar.ax.tick_params(labelsize=7)
     bar.set_ticks(_round_ticks(limits))
     lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
-    labels = axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    kwargs: dict[str, Any] = {} if max(map(abs, limits)) < 1e6 else {"fmt": "%.3g"}
+    labels = axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6, **kwargs)
     if np.any(surface.slack < 0.0):
         forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
         axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
@@ -78,7 +81,7 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
     places, member = np.unique(analysis.data.points[:, pair], axis=0, return_inverse=True)
     layers: tuple[tuple[FloatArray, dict[str, Any]], ...] = (
         (cloud, {"s": 5, "color": drawing.ORANGE, "alpha": 0.55, "linewidths": 0, "zorder": 3}),
-        (places, {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4}),
+        (places, {**_sized(20, len(places), 0.8), "facecolor": _WHITE, "edgecolor": _BLACK, "zorder": 4}),
         (
             analysis.optimum.point[None, pair],
             {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": _BLACK, "linewidths": 0.9, "zorder": 5},
@@ -88,6 +91,12 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
         marks = axes.scatter(x_factor.decode(coded[:, 0]), y_factor.decode(coded[:, 1]), clip_on=False, **style)
         if coded is places:
             drawing.tell(marks, [_runs_at(analysis, member.ravel() == i) for i in range(len(places))])
+
+
+def _sized(area: float, n: int, edge: float = 0.0) -> dict[str, Any]:
+    """Size of ``n`` marks and width of their edges [pt2, pt]: many are smaller, or they hide what they lie on."""
+    share = min(1.0, _MANY / n)
+    return {"s": max(area * share, 2.0), "linewidths": edge * share**0.5}
 
 
 def _runs_at(analysis: Analysis, here: BoolArray) -> str:
@@ -167,7 +176,8 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
         axes.fill_between(line.x, band.low, band.high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
     axes.plot(line.x, mean, color=drawing.BLUE)
     cut = bool(np.any(np.abs(analysis.data.points[:, line.index]) > 1.0 + 1e-9))  # runs outside the region; else whole
-    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3, clip_on=cut)
+    size = _sized(9, len(line.run_x))
+    marks = axes.scatter(line.run_x, line.run_score, color=drawing.MUTED, zorder=1.9, clip_on=cut, **size)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)
@@ -205,7 +215,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
         axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
     axes.set_xticks(position, labels, **_label_style(labels))
     axes.set_xlim(-0.6, line.x.size - 0.4)
-    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_xlabel(shortened(axis_label(factor), 40))
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -271,7 +281,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         _mark_optimum(analysis, index, axes)
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
-    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_xlabel(shortened(axis_label(factor), 40))
     drawing.light_grid(axes)
 
 
@@ -357,7 +367,7 @@ def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor
     if ticks is not None or not 1e-4 <= max(abs(low), abs(high)) < 1e6:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
-    axis.set_label_text(shortened(axis_label(factor), 44))
+    axis.set_label_text(shortened(axis_label(factor), 40 if which == "x" else 28))
 
 
 def _log_ticks(low: float, high: float) -> list[float]:

@@ -66,7 +66,7 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         )
 
     columns = (right("Half-width", result.unit), right("Expected loss", result.unit))
-    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Reached?"
+    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Enough runs?"
     ways = table(
         f"Expected results of {result.max_runs} runs",
         ("Model", right("Terms"), *columns, reach),

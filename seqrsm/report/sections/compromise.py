@@ -93,8 +93,8 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
     axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
     star: dict[str, Any] = {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": drawing.INK, "zorder": 5}
     axes.scatter([x.value], [y.value], **star)
-    axes.set_xlabel(shortened(heading(x.name, x.unit), 44))
-    axes.set_ylabel(shortened(heading(y.name, y.unit), 36))
+    axes.set_xlabel(shortened(heading(x.name, x.unit), 40))
+    axes.set_ylabel(shortened(heading(y.name, y.unit), 28))
     drawing.light_grid(axes)
 
 
@@ -126,7 +126,7 @@ def _loss_table(found: CompromiseEstimate) -> Table:
             (
                 item.name,
                 *(with_unit(format_number(score, places), item.unit) for score in scores),
-                format_range(item.interval.low, item.interval.high, places) if known else "exact",
+                with_unit(format_range(item.interval.low, item.interval.high, places), item.unit) if known else "exact",
                 number_cell(format_number(item.desirability, 2), item.desirability),
             )
         )

@@ -24,6 +24,7 @@ from seqrsm.report.wording import (
     readable,
     run_decimals,
     source_counts,
+    target_texts,
     watched_interval,
     whole_cell,
     with_unit,
@@ -64,15 +65,16 @@ def question_section(dossier: Dossier) -> Section:
 
 def _stop_text(dossier: Dossier) -> str:
     stop = dossier.spec.stop
-    units = {analysis.score_unit for analysis in dossier.analyses}
-    unit = units.pop() if len(units) == 1 else ""
+    targets = target_texts(dossier.spec)
+    several = listing([f"{target} for {name}" for name, target in targets.items()])
+    target = several if len(set(targets.values())) > 1 else next(iter(targets.values()))
     guards = {
         "runs": "a minimum number of runs per term",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
     }
     return (
         f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
-        f"{with_unit(format_plain(stop.half_width), unit)}; in addition, {guards[stop.guard]}. If only the quadratic "
+        f"{target}; in addition, {guards[stop.guard]}. If only the quadratic "
         "is considered, pure error must be estimable and lack of fit not significant (at "
         f"{level_text(stop.lack_of_fit_alpha)}). Budget: {stop.max_runs} runs."
     )

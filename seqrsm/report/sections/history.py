@@ -33,7 +33,7 @@ def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis:
     if not looks:
         return None
     every = Details(f"All {len(looks)} interim analyses", (_look_table(analysis, looks),), long=True)
-    figure = _history_figure(analysis, looks, spec.stop.half_width)
+    figure = _history_figure(analysis, looks, spec.stop_of(analysis.application).half_width)
     return Section(f"{key}-history", "Progress of interval and optimum", (figure, every))
 
 

@@ -102,7 +102,7 @@ def result_section(
     blocks.append(Paragraph(recommendation(analysis), "lead"))
     blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings if text not in flat]
     blocks.append(_key_figures(spec, analysis))
-    blocks.append(first_panels(analysis, spec.stop))
+    blocks.append(first_panels(analysis, spec.stop_of(analysis.application)))
     blocks.append(_settings_table(analysis))
     blocks += [Paragraph(readable_text(text, names), "note") for text in analysis.notes]
     why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
@@ -147,7 +147,7 @@ def recommendation(analysis: Analysis) -> str:
 
 
 def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
-    level, stop = level_phrase(analysis), spec.stop
+    level, stop = level_phrase(analysis), spec.stop_of(analysis.application)
     missing = no_error_estimate(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
     best, terms = analysis.optimum, analysis.fitted.surface.n_terms
@@ -268,7 +268,7 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     elif decision.budget_spent and _is_a_guess(analysis):
         less = "the existing map alone" if analysis.known_map else "a guess"
         yield f"Change the region or the sensor: at no setting of these are images shown to tell more than {less}."
-    elif decision.budget_spent and spec.stop.half_width < decision.noise_floor:
+    elif decision.budget_spent and spec.stop_of(analysis.application).half_width < decision.noise_floor:
         yield f"Accept the interval as it stands: more runs cannot reach the target. {_loss_sentence(analysis)}"
     elif decision.budget_spent:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"

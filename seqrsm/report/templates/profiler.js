@@ -2,7 +2,7 @@
   "use strict";
   var holder = document.createElement("div");
   holder.innerHTML = "<svg></svg>";
-  var NS = holder.firstChild.namespaceURI, W = 220, H = 150, LEFT = 44, BOTTOM = 26, TOP = 8, RIGHT = 8;
+  var NS = holder.firstChild.namespaceURI, W = 220, H = 150, BOTTOM = 26, TOP = 8, RIGHT = 8;
   function make(parent, name, attributes, text) {
     var node = document.createElementNS(parent.namespaceURI === NS || name === "svg" ? NS : parent.namespaceURI, name);
     Object.keys(attributes).forEach(function (key) { node.setAttribute(key, attributes[key]); });
@@ -30,8 +30,16 @@
       var share = (Math.min(Math.max(value, low), high) - low) / (high - low);
       return (H - BOTTOM - (H - BOTTOM - TOP) * share).toFixed(1);
     }
-    function x(share) { return (LEFT + (W - LEFT - RIGHT) * share).toFixed(1); }
-    function show(value) { return value.toFixed(data.places).replace("-", "\u2212"); }
+    function x(share) { return (left + (W - left - RIGHT) * share).toFixed(1); }
+    // As in the text of the report: powers of ten in place of a long row of digits.
+    function show(value) {
+      var power = value === 0 ? 0 : Math.floor(Math.log10(Math.abs(value))), places = data.places;
+      var text = Math.abs(value) < 1e7 && places <= 6 ? value.toFixed(Math.max(places, 0)) :
+        (value / Math.pow(10, power)).toFixed(Math.max(power + places, 0)) + " \u00d7 10" +
+        String(power).replace(/./g, function (sign) { return "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"["-0123456789".indexOf(sign)]; });
+      return text.replace("-", "\u2212");
+    }
+    var left = Math.max(44, 8 + 6 * Math.max(show(low).length, show(high).length));
     var output = make(box, "p", { "aria-live": "polite", "class": "said" });
     var grid = make(box, "div", { "class": "panels" });
     var panels = factors.map(function (factor, j) {
@@ -84,12 +92,12 @@
         });
         make(panel.svg, "line", { x1: x(factor.x[at[j]]), x2: x(factor.x[at[j]]), y1: TOP, y2: H - BOTTOM,
           stroke: "var(--orange)", "stroke-dasharray": "4 3" });
-        make(panel.svg, "path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",
+        make(panel.svg, "path", { d: "M" + left + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",
           stroke: "var(--line)" });
         [low, high].forEach(function (value) {
-          make(panel.svg, "text", { x: LEFT - 4, y: Number(y(value)) + 4, "text-anchor": "end" }, show(value));
+          make(panel.svg, "text", { x: left - 4, y: Number(y(value)) + 4, "text-anchor": "end" }, show(value));
         });
-        make(panel.svg, "text", { x: (LEFT + W) / 2, y: H - 8, "text-anchor": "middle" }, factor.values[at[j]]);
+        make(panel.svg, "text", { x: (left + W) / 2, y: H - 8, "text-anchor": "middle" }, factor.values[at[j]]);
       });
     }
     draw();
