@@ -152,6 +152,7 @@ class Belief:
 
         Quantiles of Student's distribution and normal ones together; on the scale of the fit.
         """
+        weight = weight / self.surface.errors.run_variance
         of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
         process, share = self.departure.believed, self.departure.probability
         if process is None:

@@ -126,6 +126,7 @@ def fit_surface(
             weights=spec.errors.weights(Z, scale.values, scale.weights),
             setting_ids=setting_ids(data.points),
             block_ids=labels,
+            inflation=spec.errors.inflation,
         )
     except AliasedError as error:
         remedy = _remedy(region, model, data, "Add runs", n_aliased=error.n_dependent)

@@ -155,6 +155,10 @@ class ErrorModel:
         The scale that they must be modelled on; "" for any.
     random_blocks : bool
         Blocks may be random.
+    run_variance : float
+        Variance of a run of weight 1 over the square of the errors' scale, which is what least squares tell as s.
+    inflation : float
+        Variance of the most likely coefficients over that which least squares with their weights tell.
     """
 
     name: ClassVar[str]
@@ -163,6 +167,8 @@ class ErrorModel:
     of_counts: ClassVar[bool] = False
     response: ClassVar[str] = ""
     random_blocks: ClassVar[bool] = False
+    run_variance: ClassVar[float] = 1.0
+    inflation: ClassVar[float] = 1.0
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) for least squares.
@@ -295,10 +301,16 @@ class Normal(Additive):
 
 
 class StudentT(Additive):
-    """Independent Student-t errors of known degrees of freedom: wild scores count for little."""
+    """Independent Student-t errors of known degrees of freedom: wild scores count for little.
+
+    The weights that make least squares the most likely fit come from the scores; the information is that of Lange,
+    Little & Taylor (1989, J. Am. Stat. Assoc. 84, 881-896): (nu + 1) / (nu + 3) of a normal error's of the same scale.
+    """
 
     name = "student_t"
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
+    run_variance = STUDENT_DF / (STUDENT_DF - 2.0)
+    inflation = (STUDENT_DF + 3.0) / (STUDENT_DF + 1.0)
 
     def log_likelihood(self, square: FloatArray) -> FloatArray:
         """See `Additive`."""
