@@ -94,7 +94,7 @@ def fit_application(
     if "flight" in data.sources:  # over the real ground
         ground = None
     elif ground is not None and scale.kind == "identity" and fit.df_residual:
-        ground = ground.beside(departure.sd_of_run(fit.s), fit.df_residual)
+        ground = ground.beside(departure.sd_of_run(fit.s, spec.errors), fit.df_residual)
     return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
 
 

@@ -294,6 +294,11 @@ class Analysis:
         return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
 
     @property
+    def sd_of_run(self) -> float:
+        """Standard deviation of a run of weight 1, on ``scale``."""
+        return self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
+
+    @property
     def contradicted(self) -> bool:
         """Fresh runs at the recommended settings do not agree with the model."""
         return self.confirmation is not None and not self.confirmation.agrees

@@ -731,3 +731,16 @@ def test_each_future_run_has_its_own_weight(tmp_path) -> None:
         alone = found.belief.bands(at[i : i + 1], 0.95, weight[i : i + 1])
         for both, one in ((together.prediction, alone.prediction), (together.confidence, alone.confidence)):
             assert (both.low[i], both.high[i]) == pytest.approx((one.low[0], one.high[0]), rel=1e-9)
+
+
+def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_path) -> None:
+    """Of Student-t errors with 4 degrees of freedom the scale was told, which is 0.71 of it."""
+    rng = np.random.default_rng(5)
+    points = rng.uniform(-1.0, 1.0, (300, 1))
+    scores = 50.0 - 4.0 * points[:, 0] ** 2 + rng.standard_t(4, 300)
+    found = analysed(tmp_path / "c", specification(numeric(1), rest='[model]\nerrors = "student_t"\n'), points, scores)
+    assert found.sd_of_run == pytest.approx(np.sqrt(2.0), rel=0.1)
+    s, h = found.belief.scatter(found.optimum.point)
+    assert s == found.sd_of_run
+    row = found.model.matrix(found.optimum.point[None, :])
+    assert s**2 * h == pytest.approx(float(found.fit.predict(row).se_mean[0]) ** 2, rel=1e-9)
