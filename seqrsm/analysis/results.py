@@ -179,7 +179,8 @@ class PosteriorSummary:
     Attributes
     ----------
     sampler : dict
-        "exact", "gibbs" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for emcee.
+        "exact", "gibbs", "importance" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for
+        emcee.
     term_draws : ndarray (m, p)
         Draws of the coded coefficients, on the scale of the fit.
     optimum_points : ndarray (m, k)

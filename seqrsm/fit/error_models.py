@@ -20,6 +20,7 @@ from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounde
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.target import draws_by_importance
 
 if TYPE_CHECKING:
     from seqrsm.fit.ensemble import Sampled
@@ -355,10 +356,7 @@ class BetaBinomial(ErrorModel):
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
     ) -> Draws:
-        """Draws by emcee, the only sampler there is; blocks and sources are constants."""
-        del sampler
-        from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
-
+        """Draws by importance, or by emcee where these are few; blocks and sources are constants."""
         assert runs.correct is not None
         assert runs.trials is not None
         prior = _logit_prior(runs)
@@ -367,14 +365,20 @@ class BetaBinomial(ErrorModel):
             terms = np.argmax(bounds.rows, axis=1)
             low[terms], high[terms] = bounds.low, bounds.high
             prior = replace(prior, low=low, high=high)
-        chain = sample_model(
-            beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), seed=int(rng.integers(2**31))
-        )
-        keep, usual = _spread(len(chain.draws), n), float(np.median(runs.trials))
-        correlation = chain.draws[keep, -1]
-        made = _sampled(chain, self.name, len(keep)) | {"correlation": float(np.mean(correlation)), "trials": usual}
-        more = {"correlation": correlation, "trials": np.full(len(keep), usual)}
-        return Draws(chain.draws[keep, : runs.p], np.full(len(keep), runs.fit.s), made, more=more)
+        model, usual = beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), float(np.median(runs.trials))
+        if sampler == "exact" and (found := draws_by_importance(model, n, rng)) is not None:
+            values, worth = found
+            made: Made = {"method": "importance", "errors": self.name, "draws": n, "ess": worth}
+        else:
+            from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
+
+            chain = sample_model(model, seed=int(rng.integers(2**31)))
+            values = chain.draws[_spread(len(chain.draws), n)]
+            made = _sampled(chain, self.name, len(values))
+        correlation = values[:, -1]
+        made |= {"correlation": float(np.mean(correlation)), "trials": usual}
+        more = {"correlation": correlation, "trials": np.full(len(values), usual)}
+        return Draws(values[:, : runs.p], np.full(len(values), runs.fit.s), made, more=more)
 
     def future_scores(
         self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
