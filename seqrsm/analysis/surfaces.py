@@ -237,7 +237,7 @@ class RandomBlocks(Surface):
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.posterior.variance(rows) / self.s**2
+        return np.square(self.posterior.predict(rows).se_mean / self.s)
 
     @property
     def error_covariance(self) -> FloatArray:

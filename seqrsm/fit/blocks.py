@@ -86,14 +86,6 @@ class RandomBlockPosterior:
         """Standard deviation of a run of weight 1 on a new day, root mean square over the ratios."""
         return float(np.sqrt(self.shares @ (np.square(self.s) * (1.0 + self.ratios))))
 
-    def variance(self, rows: FloatArray) -> FloatArray:
-        """Variance (m,) of the average day's response at rows (m, p), over ratios, without the doubt about sigma."""
-        rows = np.atleast_2d(rows)
-        h = np.sum(np.square(np.einsum("mp,cpq->cmq", rows, self.factor)), axis=2)
-        centre = rows @ self.mean.T
-        between = np.square(centre - (centre @ self.shares)[:, None]) @ self.shares
-        return np.asarray(self.shares @ (np.square(self.s)[:, None] * h) + between)
-
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Independent draws: coefficients (n, p), sigma (n,) and sigma_day (n,)."""
         which = rng.choice(len(self.shares), size=n, p=self.shares)
