@@ -17,7 +17,7 @@ from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import where_reached
-from seqrsm.fit.error_models import Draws
+from seqrsm.fit.error_models import Draws, ErrorModel
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
@@ -62,10 +62,10 @@ class Departure:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None
 
-    def sd_of_run(self, s: float) -> float:
-        """Standard deviation of a run of weight 1, ``s`` about the quadratic, which holds what the quadratic misses."""
+    def sd_of_run(self, s: float, errors: ErrorModel) -> float:
+        """Standard deviation of a run of weight 1, of scale ``s`` about the quadratic, which holds what that misses."""
         noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance))
-        return float(np.sqrt((1.0 - self.probability) * s**2 + self.probability * noise))
+        return float(np.sqrt(errors.run_variance * ((1.0 - self.probability) * s**2 + self.probability * noise)))
 
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
@@ -152,6 +152,7 @@ class Belief:
 
         Quantiles of Student's distribution and normal ones together; on the scale of the fit.
         """
+        weight = weight / self.surface.errors.run_variance
         of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
         process, share = self.departure.believed, self.departure.probability
         if process is None:
@@ -177,12 +178,12 @@ class Belief:
         at, surface = point[None, :], self.surface
         s, h = surface.s, float(surface.variance_unscaled(surface.rows(at))[0])
         process, share = self.departure.believed, self.departure.probability
+        both = self.departure.sd_of_run(s, surface.errors)
         if process is None:
-            return s, h
+            return both, h / surface.errors.run_variance
         means, variances = process.marginals(at)
         off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
         of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
-        both = self.departure.sd_of_run(s)
         return both, ((1.0 - share) * s**2 * h + share * of_process) / both**2
 
     def optima(

@@ -95,7 +95,7 @@ def fit_application(
     if "flight" in data.sources:  # over the real ground
         ground = None
     elif ground is not None and scale.kind == "identity" and fit.df_residual:
-        ground = ground.beside(departure.sd_of_run(fit.s), fit.df_residual)
+        ground = ground.beside(departure.sd_of_run(fit.s, spec.errors), fit.df_residual)
     return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
 
 
@@ -127,6 +127,7 @@ def fit_surface(
             weights=spec.errors.weights(Z, scale.values, scale.weights),
             setting_ids=setting_ids(data.points),
             block_ids=labels,
+            inflation=spec.errors.inflation,
         )
     except AliasedError as error:
         remedy = _remedy(region, model, data, "Add runs", n_aliased=error.n_dependent)

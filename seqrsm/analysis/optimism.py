@@ -95,6 +95,7 @@ def _replayed(
     """
     fit, c, n = surface.fit, rows.shape[1], noise.shape[1]
     of_model = float(np.trace(surface.error_covariance) / np.trace(fit.covariance_unscaled[:c, :c]))
+    of_model *= fit.inflation
     scatter = noise * np.sqrt(of_model / fit.weights)
     size = fit.Z.shape[1]
     gram, moment = np.zeros((_SETS, size, size)), np.zeros((_SETS, size))

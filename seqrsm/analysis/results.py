@@ -179,7 +179,8 @@ class PosteriorSummary:
     Attributes
     ----------
     sampler : dict
-        "exact", "gibbs" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for emcee.
+        "exact", "gibbs", "importance" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for
+        emcee.
     term_draws : ndarray (m, p)
         Draws of the coded coefficients, on the scale of the fit.
     optimum_points : ndarray (m, k)
@@ -292,6 +293,11 @@ class Analysis:
     def belief(self) -> Belief:
         """Quadratic and process together, on ``scale``."""
         return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
+
+    @property
+    def sd_of_run(self) -> float:
+        """Standard deviation of a run of weight 1, on ``scale``."""
+        return self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
 
     @property
     def contradicted(self) -> bool:

@@ -14,7 +14,6 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem, RegionError
 from seqrsm.fit.least_squares import block_columns
-from seqrsm.fit.weights import expected_shares
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import CONFIRMATION, RunRecord
 
@@ -183,9 +182,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
         return ResponseScale.of(spec.model.response, data.scores, Z)
     if spec.model.weights == "counts":
         _, trials = counts_of(data, 'weights = "counts"')
-        return ResponseScale.of_counts(
-            spec.model.response, data.scores, trials, expected_shares(Z, data.scores, trials)
-        )
+        return ResponseScale.of_counts(spec.model.response, data.scores, trials, Z)
     if not np.all(data.score_se > 0.0):
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'

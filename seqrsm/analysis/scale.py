@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
-from seqrsm.fit.weights import share_variance, unbiased_logits
+from seqrsm.fit.weights import expected_shares, share_variance, unbiased_logits
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,21 +104,24 @@ class ResponseScale:
 
     @classmethod
     def of_counts(
-        cls, kind: Literal["identity", "logit"], scores: FloatArray, trials: FloatArray, expected: FloatArray
+        cls, kind: Literal["identity", "logit"], scores: FloatArray, trials: FloatArray, Z: FloatArray
     ) -> ResponseScale:
         """Put shares of correct decisions on the scale; each run counts by the binomial variance of what is expected.
 
         Parameters
         ----------
         kind : "identity" or "logit"
-        scores, trials, expected : ndarray (n,)
-            Scores [%], decisions behind each, and the score expected there [%].
+        scores, trials : ndarray (n,)
+            Scores [%], and decisions behind each.
+        Z : ndarray (n, p)
+            Model matrix with blocks.
         """
-        future = float(np.median(trials))
+        future, expected = float(np.median(trials)), expected_shares(Z, scores, trials)
+        binomial = share_variance(expected, trials)
         if kind == "identity":
-            values, variance = scores, share_variance(expected, trials)
+            values, variance = scores, binomial
         else:
-            values = logit_scores(scores, counts=trials)
+            values, _ = unbiased_logits(Z, scores, binomial / np.mean(binomial), trials)
             p = np.clip(expected / 100.0, 0.5 / trials, 1.0 - 0.5 / trials)
             variance = 1.0 / (trials * p + 0.5) + 1.0 / (trials * (1.0 - p) + 0.5)
         unit = float(1.0 / np.mean(1.0 / variance))

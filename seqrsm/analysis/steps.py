@@ -28,7 +28,8 @@ class Step:
     level, over : float or str
         The value and the next smaller one; or a level of a categorical factor and the recommended level.
     mean : float
-        Score expected at ``level``: the recommended one's is less for having been chosen, no other one's is above it.
+        Score expected at ``level``: the recommended one's is less for having been chosen, and the others' by as much as
+        leaves none above it.
     gain : float
         By which it exceeds that at ``over``; negative where scores fall.
     interval : Interval
@@ -107,8 +108,10 @@ def steps_of(
         drawn = joint_draws(belief, points, terms, rng)
         parts = [(np.clip(scale.to_score(one), *limits), share) for one, share in drawn]
         sign, mean = sign_of(belief.goal), scale.to_score(belief.mean(points))
-        most = np.min(sign * (mean[chosen] - optimism), initial=np.inf)
-        mean = np.clip(sign * np.minimum(sign * mean, most), *limits)
+        mean[chosen] -= optimism
+        above = np.max(sign * mean[feasible & ~chosen], initial=-np.inf) - np.min(sign * mean[chosen], initial=np.inf)
+        mean[~chosen] -= sign * max(above, 0.0)
+        mean = np.clip(mean, *limits)
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]

@@ -248,12 +248,11 @@ class RandomBlocks(Surface):
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Of the average block, and of runs in a new one."""
-        w = float(np.mean(weight))
-        return self.posterior.predict(rows, level, weight=w, replicates=replicates)
+        return self.posterior.predict(rows, level, weight=weight, replicates=replicates)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.posterior.variance(rows) / self.s**2
+        return np.square(self.posterior.predict(rows).se_mean / self.s)
 
     @property
     def error_covariance(self) -> FloatArray:

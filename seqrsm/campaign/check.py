@@ -154,7 +154,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
             share = analysis.fitted.ground_share
         covers = scene_at(str(spec.scene_path)).categories
     elif analysis is not None and analysis.fit.s > 0.0:
-        noise, df = analysis.fitted.departure.sd_of_run(analysis.fit.s), analysis.fit.df_residual
+        noise, df = analysis.sd_of_run, analysis.fit.df_residual
         source = f"residuals of {analysis.fit.n_runs} scored runs"
     application = spec.applications[own]
     surfaces = _surfaces(spec, application, noise, spread, analysis)
@@ -368,7 +368,7 @@ def _surfaces(
     if analysis is not None and spec.model.response == "identity" and analysis.fit.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
-        return Surfaces(analysis.model, draws.terms, analysis.fitted.departure.sd_of_run(analysis.fit.s), source)
+        return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source)
     if np.isfinite(spread):
         source = f"random quadratics with the variation over the region of {SPREAD_PROBES} simulations"
     elif prior is not None and prior.utility is not None:

@@ -86,14 +86,6 @@ class RandomBlockPosterior:
         """Standard deviation of a run of weight 1 on a new day, root mean square over the ratios."""
         return float(np.sqrt(self.shares @ (np.square(self.s) * (1.0 + self.ratios))))
 
-    def variance(self, rows: FloatArray) -> FloatArray:
-        """Variance (m,) of the average day's response at rows (m, p), over ratios, without the doubt about sigma."""
-        rows = np.atleast_2d(rows)
-        h = np.sum(np.square(np.einsum("mp,cpq->cmq", rows, self.factor)), axis=2)
-        centre = rows @ self.mean.T
-        between = np.square(centre - (centre @ self.shares)[:, None]) @ self.shares
-        return np.asarray(self.shares @ (np.square(self.s)[:, None] * h) + between)
-
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Independent draws: coefficients (n, p), sigma (n,) and sigma_day (n,)."""
         which = rng.choice(len(self.shares), size=n, p=self.shares)
@@ -103,7 +95,7 @@ class RandomBlockPosterior:
         return beta, sigma, sigma * np.sqrt(self.ratios[which])
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, *, weight: float = 1.0, replicates: float = 1
+        self, rows: FloatArray, level: float = 0.95, *, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Mean response of the average day, and future runs on a new day, which brings its own effect.
 
@@ -120,12 +112,11 @@ class RandomBlockPosterior:
             Its standard errors are root mean squares over the ratios, with the scatter of the centres.
         """
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
-        centre, h = (np.empty((rows.shape[0], len(self.ratios))) for _ in range(2))
-        for c in range(len(self.ratios)):
-            centre[:, c] = rows @ self.mean[c]
-            h[:, c] = np.sum(np.square(rows @ self.factor[c]), axis=1)
+        centre = rows @ self.mean.T
+        h = np.sum(np.square(np.einsum("mp,cpq->mcq", rows, self.factor)), axis=2)
+        own = np.broadcast_to(1.0 / (replicates * np.asarray(weight)), len(rows))
         mean_scale = self.s * np.sqrt(h)
-        new_scale = self.s * np.sqrt(h + self.ratios + 1.0 / (replicates * weight))
+        new_scale = self.s * np.sqrt(h + self.ratios + own[:, None])
         mean = centre @ self.shares
         between = np.square(centre - mean[:, None])
         se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]

@@ -20,6 +20,7 @@ from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounde
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.target import draws_by_importance
 
 if TYPE_CHECKING:
     from seqrsm.fit.ensemble import Sampled
@@ -155,6 +156,10 @@ class ErrorModel:
         The scale that they must be modelled on; "" for any.
     random_blocks : bool
         Blocks may be random.
+    run_variance : float
+        Variance of a run of weight 1 over the square of the errors' scale, which is what least squares tell as s.
+    inflation : float
+        Variance of the most likely coefficients over that which least squares with their weights tell.
     """
 
     name: ClassVar[str]
@@ -163,6 +168,8 @@ class ErrorModel:
     of_counts: ClassVar[bool] = False
     response: ClassVar[str] = ""
     random_blocks: ClassVar[bool] = False
+    run_variance: ClassVar[float] = 1.0
+    inflation: ClassVar[float] = 1.0
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) for least squares.
@@ -295,10 +302,16 @@ class Normal(Additive):
 
 
 class StudentT(Additive):
-    """Independent Student-t errors of known degrees of freedom: wild scores count for little."""
+    """Independent Student-t errors of known degrees of freedom: wild scores count for little.
+
+    The weights that make least squares the most likely fit come from the scores; the information is that of Lange,
+    Little & Taylor (1989, J. Am. Stat. Assoc. 84, 881-896): (nu + 1) / (nu + 3) of a normal error's of the same scale.
+    """
 
     name = "student_t"
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
+    run_variance = STUDENT_DF / (STUDENT_DF - 2.0)
+    inflation = (STUDENT_DF + 3.0) / (STUDENT_DF + 1.0)
 
     def log_likelihood(self, square: FloatArray) -> FloatArray:
         """See `Additive`."""
@@ -343,10 +356,7 @@ class BetaBinomial(ErrorModel):
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
     ) -> Draws:
-        """Draws by emcee, the only sampler there is; blocks and sources are constants."""
-        del sampler
-        from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
-
+        """Draws by importance, or by emcee where these are few; blocks and sources are constants."""
         assert runs.correct is not None
         assert runs.trials is not None
         prior = _logit_prior(runs)
@@ -355,14 +365,20 @@ class BetaBinomial(ErrorModel):
             terms = np.argmax(bounds.rows, axis=1)
             low[terms], high[terms] = bounds.low, bounds.high
             prior = replace(prior, low=low, high=high)
-        chain = sample_model(
-            beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), seed=int(rng.integers(2**31))
-        )
-        keep, usual = _spread(len(chain.draws), n), float(np.median(runs.trials))
-        correlation = chain.draws[keep, -1]
-        made = _sampled(chain, self.name, len(keep)) | {"correlation": float(np.mean(correlation)), "trials": usual}
-        more = {"correlation": correlation, "trials": np.full(len(keep), usual)}
-        return Draws(chain.draws[keep, : runs.p], np.full(len(keep), runs.fit.s), made, more=more)
+        model, usual = beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), float(np.median(runs.trials))
+        if sampler == "exact" and (found := draws_by_importance(model, n, rng)) is not None:
+            values, worth = found
+            made: Made = {"method": "importance", "errors": self.name, "draws": n, "ess": worth}
+        else:
+            from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
+
+            chain = sample_model(model, seed=int(rng.integers(2**31)))
+            values = chain.draws[_spread(len(chain.draws), n)]
+            made = _sampled(chain, self.name, len(values))
+        correlation = values[:, -1]
+        made |= {"correlation": float(np.mean(correlation)), "trials": usual}
+        more = {"correlation": correlation, "trials": np.full(len(values), usual)}
+        return Draws(values[:, : runs.p], np.full(len(values), runs.fit.s), made, more=more)
 
     def future_scores(
         self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator

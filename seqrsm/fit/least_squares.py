@@ -95,7 +95,7 @@ class LeastSquaresFit:
     estimate, se : ndarray (p,)
         Coefficients and standard errors; ``se`` is nan where s is 0 or nan: no scatter seen is none known.
     covariance_unscaled : ndarray (p, p)
-        (Z'WZ)^-1.
+        (Z'WZ)^-1 times ``inflation``.
     s : float
         Residual standard deviation of a run of weight 1 (RSL TR 380-1 eq. 2-13); nan when ``df_residual`` is 0.
     n_runs, n_terms, df_residual : int
@@ -113,7 +113,9 @@ class LeastSquaresFit:
     Z, y, weights, setting_ids, block_ids
         The data as fitted.
     factor : ndarray (p, p)
-        L with (Z'WZ)^-1 = LL'.
+        L with ``covariance_unscaled`` = LL'.
+    inflation : float
+        Variance of the coefficients over s^2 (Z'WZ)^-1: 1, more where weights were chosen by the scores themselves.
     """
 
     names: tuple[str, ...]
@@ -145,6 +147,7 @@ class LeastSquaresFit:
     setting_ids: IntArray | None
     block_ids: IntArray | None
     factor: FloatArray
+    inflation: float
 
     @property
     def t(self) -> FloatArray:
@@ -174,7 +177,7 @@ class LeastSquaresFit:
         return full
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
-        """z'(Z'WZ)^-1 z at each row (m, p) -> (m,) (RSL TR 380-1 eq. 2-17)."""
+        """Variance z'(Z'WZ)^-1 z times ``inflation`` at each row (m, p) -> (m,) (RSL TR 380-1 eq. 2-17)."""
         return np.asarray(np.sum(np.square(self.rows_with_mean_block(rows) @ self.factor), axis=1))
 
     def predict(
@@ -219,14 +222,15 @@ class LeastSquaresFit:
         if group.size == 0 or group[0] < 0 or group[-1] >= self.n_terms:
             raise ValueError(f"indices must name terms 0 ... {self.n_terms - 1}")
         _, R = np.linalg.qr(self.factor[group].T)
-        df, ss = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
+        df, wald = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
+        ss = wald * self.inflation
         nan = float("nan")
         if self.df_residual == 0:
             return FTest(df, ss, ss / df, nan, nan, "no residual degrees of freedom")
         if self.sse == 0.0:
             reason = "the model reproduces every score exactly, so there is no error to test against"
             return FTest(df, ss, ss / df, nan, nan, reason)
-        f = (ss / df) / (self.sse / self.df_residual)
+        f = (wald / df) / (self.sse / self.df_residual)
         return FTest(df, ss, ss / df, f, float(fdtrc(df, self.df_residual, f)))
 
     def lack_of_fit(self) -> LackOfFit | str:
@@ -273,7 +277,7 @@ class LeastSquaresFit:
         ms_error = self.sse / self.df_residual if self.df_residual > 0 else nan
         rows = []
         for key, (df, ss) in zip(held, parts[1:], strict=True):
-            f = (ss / df) / ms_error if df > 0 and ms_error > 0.0 else nan
+            f = (ss / df) / (ms_error * self.inflation) if df > 0 and ms_error > 0.0 else nan
             p = float(fdtrc(df, self.df_residual, f)) if f == f else nan
             rows.append(AnovaRow(_GROUPS[key], df, ss, ss / df if df > 0 else nan, f, p))
         rows.append(AnovaRow("residual", self.df_residual, self.sse, ms_error, nan, nan))
@@ -290,7 +294,7 @@ class LeastSquaresFit:
         has_intercept = "intercept" in self.kinds
         centre = np.sum(w * self.Z, axis=0) / np.sum(w) if has_intercept else np.zeros(self.n_terms)
         own = np.sum(w * np.square(self.Z - centre), axis=0)
-        vif = np.diagonal(self.covariance_unscaled) * own
+        vif = np.diagonal(self.covariance_unscaled) * own / self.inflation
         return np.where(np.array(self.kinds) == "intercept", np.nan, vif)
 
 
@@ -302,6 +306,7 @@ def fit_least_squares(
     weights: FloatArray | None = None,
     setting_ids: Sequence[object] | IntArray | None = None,
     block_ids: Sequence[object] | IntArray | None = None,
+    inflation: float = 1.0,
 ) -> LeastSquaresFit:
     """Fit ``y = Z b + e``, Var e_i = sigma^2 / weight_i, by refined orthogonal factorisation.
 
@@ -319,6 +324,8 @@ def fit_least_squares(
         Equal for runs with the same *executed* settings; needed for pure error.
     block_ids : sequence (n,), optional
         Pure error is taken within blocks; by default those that the block columns tell apart.
+    inflation : float
+        See `LeastSquaresFit`.
 
     Raises
     ------
@@ -353,7 +360,7 @@ def fit_least_squares(
         estimate = np.where(np.array(kinds) == "intercept", y[0], 0.0)
     df = n - p
     L = linear_system.covariance_factor(factors)
-    C = linear_system.covariance(factors, L)
+    C = inflation * linear_system.covariance(factors, L)
     sse = float(r @ r)
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
@@ -392,7 +399,8 @@ def fit_least_squares(
         weights=w,
         setting_ids=group_index(setting_ids, n),
         block_ids=group_index(block_ids, n),
-        factor=L,
+        factor=np.sqrt(inflation) * L,
+        inflation=inflation,
     )
 
 

@@ -336,3 +336,32 @@ def _covariance(log_prob: Callable[[FloatArray], FloatArray], mode: FloatArray) 
     eigenvalues, vectors = np.linalg.eigh(precision)
     eigenvalues = np.maximum(eigenvalues, 0.1)
     return np.asarray(_WIDEN * (vectors / eigenvalues) @ vectors.T)
+
+
+_PLACING, _A_DRAW = 4000, 6  # draws of each round that only places the next; of the last, for each that is asked for
+_A_DIMENSION = 10  # least of the former that are independent, for each dimension
+
+
+def draws_by_importance(model: GeneralModel, n: int, rng: np.random.Generator) -> tuple[FloatArray, float] | None:
+    """Draws (n, d) of a model's parameters, and how many independent ones they are worth; None where few have weight.
+
+    Of Student's distribution at the mode, then of the one with the moments that these draws tell.
+
+    Raises
+    ------
+    FitError
+        As of `general_target`.
+    """
+    target = general_target(model)
+    proposal: Distribution = target.proposal
+    for size, least in (*[(_PLACING, _A_DIMENSION * target.d)] * 2, (_A_DRAW * n, n)):
+        x = proposal.draw(rng, size)
+        logs = target.log_prob(x) - proposal.log_density(x)
+        shares = np.exp(logs - logs.max())
+        shares /= shares.sum()
+        worth = float(1.0 / np.sum(shares**2))
+        if worth < least:
+            return None
+        x = x[rng.choice(size, max(n, _PLACING), p=shares)]
+        proposal = proposal.tuned(x)
+    return target.unpack(x[:n]), 1.0 / (1.0 / worth + 1.0 / n)

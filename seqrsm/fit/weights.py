@@ -50,12 +50,15 @@ def expected_shares(Z: FloatArray, percent: FloatArray, trials: FloatArray) -> F
     return expected
 
 
-def unbiased_logits(Z: FloatArray, percent: FloatArray, relative: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Logits (n,) of percentages that scatter alike in percent, and the score that the model expects of each run [%].
+def unbiased_logits(
+    Z: FloatArray, percent: FloatArray, relative: FloatArray, trials: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Logits (n,) of percentages that scatter normally, and the score that the model expects of each run [%].
 
     A logit bends, so scores about 95 % have a mean logit above that of 95 %; and if a run counted by its own score, one
     near 100 would count for less than one as far below. Neither error shrinks with more runs. So logits are lowered by
-    the excess of their mean, and weights are to go by what is expected.
+    the excess of their mean, and weights are to go by what is expected. The empirical logit of a count has no such
+    excess by the binomial's scatter, only by what is beyond it.
 
     Parameters
     ----------
@@ -65,16 +68,20 @@ def unbiased_logits(Z: FloatArray, percent: FloatArray, relative: FloatArray) ->
         Scores [%].
     relative : ndarray (n,)
         Variance of each score relative to that of a typical one.
+    trials : ndarray (n,), optional
+        Decisions behind each score, where scores are counts.
     """
-    scored = logit_scores(percent)
+    scored = logit_scores(percent, counts=trials)
     values, expected = scored, clip_percent(percent)
     if len(percent) <= Z.shape[1]:
         return values, expected
     for _ in range(2 * _ROUNDS):
         root = 1.0 / np.sqrt(logit_variance(expected) * relative)
         expected = clip_percent(logit_to_percent(Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]))
-        scatter = np.sqrt(_scatter(Z, percent, expected, relative) * relative)
-        values = scored - (_mean_logit(expected, scatter) - logit_scores(expected))
+        variance = _scatter(Z, percent, expected, relative) * relative
+        if trials is not None:
+            variance = np.maximum(variance - share_variance(expected, trials), 0.0)
+        values = scored - (_mean_logit(expected, np.sqrt(variance)) - logit_scores(expected))
     return values, expected
 
 

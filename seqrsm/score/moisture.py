@@ -21,6 +21,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import Sensor
 
+_DUST: Final = 1e-12  # [m6/m6]: rounding where all the ground is one field
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
 
 
@@ -156,4 +157,6 @@ def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArr
     cells = np.unique(block.astype(np.int64) * scene.n_fields + field, return_counts=True)
     of_block = np.bincount(cells[0] // scene.n_fields, np.square(cells[1].astype(np.float64)))[used]
     single = float(weight[used] @ (of_block / np.square(np.bincount(block)[used])))
-    return math.sqrt(common + sensor.soil_moisture_field_sd**2 * single)
+    single -= float(np.square(np.bincount(field) / len(field)).sum())  # what goes with the mean of all
+    variance = common + sensor.soil_moisture_field_sd**2 * single
+    return math.sqrt(variance) if variance > _DUST else 0.0

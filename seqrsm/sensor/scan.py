@@ -154,7 +154,7 @@ def scan_geometry(
         n_lines=math.ceil(n_sweeps / sweeps_a_line),
         along=along,
         across=smeared(along, smear),
-        notes=_notes(radiometer, advance, sweeps_a_line, dwell_ms, smear, half_angle, edge),
+        notes=_notes(radiometer, advance, sweeps_a_line, dwell_ms, smear, half_angle, edge - 0.5 * beta),
     )
 
 
@@ -240,9 +240,9 @@ def _notes(
     dwell_ms: float,
     smear: float,
     half_angle: float,
-    edge: float,
+    outermost: float,
 ) -> tuple[str, ...]:
-    """What the combination of parameters does, in words."""
+    """What the combination of parameters does, in words; ``outermost``: beam that sees the edges of the scene [rad]."""
     notes = []
     covered = radiometer.resolution_m / advance
     if covered < 1.0 - 1e-9:
@@ -262,7 +262,7 @@ def _notes(
         )
     elif 0.0 < smear < 0.5:
         notes.append(f"idle time: {100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not integrated")
-    if half_angle < edge - 0.5 * radiometer.beamwidth_rad(radiometer.altitude_m):
+    if half_angle < outermost:
         notes.append("narrow sweep: it does not reach the edges of the scene; ground beyond it is not scored")
     if half_angle > _WIDEST_RAD:
         degrees, longer = math.degrees(half_angle), 1.0 / math.cos(half_angle) ** 2

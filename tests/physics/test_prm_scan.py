@@ -303,3 +303,11 @@ def test_measured_pattern_is_the_formula_it_was_measured_from(tmp_path):
         beam_integral(radiometer(beam="measured", beam_file=str(path)))
     with pytest.raises(ConfigurationError, match="not a readable pattern"):
         beam_integral(radiometer(beam="measured", beam_file=str(tmp_path / "none.csv")))
+
+
+def test_a_sweep_is_narrow_by_its_beam_over_the_ground():
+    """500 m over ground that is 1500 m high: by the narrower beam from 2000 m the sweep was told to miss the edges."""
+    for degrees, narrow in ((39.0, False), (33.0, True)):
+        made = radiometer(resolution_m=200.0, altitude_m=2000.0, scan_half_angle_deg=degrees)
+        notes = scan_geometry(made, 500.0, 1000.0, 1000.0).notes  # edges at 45 deg, half a beam of 11.3 deg
+        assert any("narrow sweep" in note for note in notes) == narrow

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.fit.conjugate import Flat, LinearBounds
-from seqrsm.fit.error_models import Additive, LinearRuns
+from seqrsm.fit.error_models import ERROR_MODELS, Additive, LinearRuns
 from seqrsm.fit.least_squares import fit_least_squares
 
 Y = np.array([-1.3, 0.2, 0.4, 0.9, 1.1, 1.6, 9.0])
@@ -70,3 +70,36 @@ def test_least_squares_by_its_weights_is_the_most_likely_fit() -> None:
     # The scale is estimated with n - 1 in place of n, which moves the mean a little.
     assert float(rough.estimate[0]) == pytest.approx(mu, abs=0.1 * sigma)
     assert abs(float(rough.estimate[0]) - Y.mean()) > 0.2 * sigma
+
+
+def test_intervals_and_tests_of_student_errors_hold_their_level() -> None:
+    """Weights that the scores choose make residuals small: intervals covered 0.90, and F tests of 0.05 had 0.15."""
+    rng = np.random.default_rng(40)
+    errors, n, q = ERROR_MODELS["student_t"], 40, stats.t(34).ppf(0.975)
+    X = rng.uniform(-1.0, 1.0, (n, 2))
+    Z = np.column_stack([np.ones(n), X, X[:, 0] * X[:, 1], X**2])
+    names = ["intercept", "a", "b", "ab", "aa", "bb"]
+    covered, rejected, run = [], [], []
+    for _ in range(1000):
+        y = rng.standard_t(4, n)
+        fit = fit_least_squares(Z, y, names, weights=errors.weights(Z, y, np.ones(n)), inflation=errors.inflation)
+        covered.append(np.mean(np.abs(fit.estimate) < q * fit.se))
+        rejected.append([fit.partial_f(range(1, 6)).p < 0.05, fit.partial_f([5]).p < 0.05])
+        band = fit.predict(Z[:1], weight=1.0 / errors.run_variance).prediction
+        run.append(band.low[0] < rng.standard_t(4) < band.high[0])
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
+    assert np.mean(rejected, axis=0) == pytest.approx(0.05, abs=0.022)
+    assert np.mean(run) == pytest.approx(0.95, abs=0.02)
+
+
+def test_what_is_inflated_and_what_is_not() -> None:
+    rng = np.random.default_rng(3)
+    Z, y, w = np.column_stack([np.ones(12), rng.normal(size=(12, 2))]), rng.normal(size=12), rng.uniform(0.5, 2.0, 12)
+    plain, more = (fit_least_squares(Z, y, ["intercept", "a", "b"], weights=w, inflation=c) for c in (1.0, 1.4))
+    np.testing.assert_allclose(more.se, np.sqrt(1.4) * plain.se, rtol=1e-12)
+    np.testing.assert_allclose(more.covariance_unscaled, 1.4 * plain.covariance_unscaled, rtol=1e-12)
+    np.testing.assert_allclose(more.variance_unscaled(Z), 1.4 * plain.variance_unscaled(Z), rtol=1e-12)
+    assert (more.s, more.sse, more.press) == (plain.s, plain.sse, plain.press)
+    one, other = plain.partial_f([1, 2]), more.partial_f([1, 2])
+    assert (other.ss, 1.4 * other.f) == pytest.approx((one.ss, one.f), rel=1e-12)
+    np.testing.assert_allclose(more.vif(), plain.vif(), rtol=1e-12)

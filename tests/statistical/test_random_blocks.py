@@ -168,4 +168,4 @@ def test_draws_are_those_of_the_intervals() -> None:
     wrong = found.estimate @ row[0] + 0.5 * (beta @ row[0] - found.estimate @ row[0])
     assert np.mean((wrong > low) & (wrong < high)) > 0.93  # control
     # The variance beside it is that of the draws but for the doubt about sigma.
-    assert found.variance(row)[0] == pytest.approx(np.var(beta @ row[0]), rel=0.15)
+    assert found.predict(row).se_mean[0] ** 2 == pytest.approx(np.var(beta @ row[0]), rel=0.15)

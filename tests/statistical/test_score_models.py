@@ -10,7 +10,7 @@ from scipy.special import expit
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
-from seqrsm.fit.target import GeneralModel, StudentProposal
+from seqrsm.fit.target import GeneralModel, StudentProposal, draws_by_importance
 
 INF = np.array([np.inf])
 ONE = CoefficientPrior(np.array([0.0]), np.array([[1 / 25]]))
@@ -64,9 +64,16 @@ def test_bounded_prior_is_the_truncated_posterior(bounds: tuple[float, float]) -
     assert sample.draws.max() <= bounds[1]
 
 
-def test_beta_binomial_against_a_grid() -> None:
+@pytest.mark.parametrize("by", ["ensemble", "importance"])
+def test_beta_binomial_against_a_grid(by: str) -> None:
     c, m = np.array([18.0, 12, 20, 9, 15, 20]), np.full(6, 20.0)
-    sample = sample_model(beta_binomial_model(np.ones((6, 1)), c, m, ONE), seed=6)
+    model = beta_binomial_model(np.ones((6, 1)), c, m, ONE)
+    if by == "ensemble":
+        sample = sample_model(model, seed=6)
+        found, worth = sample.draws, float(sample.ess.min())
+    else:
+        found, worth = draws_by_importance(model, 4000, np.random.default_rng(6))
+        assert 2000.0 < worth < 4000.0
     axes = [np.linspace(-1, 4.5, 221), np.linspace(-8, 2.5, 211)]
     eta, logit = np.meshgrid(*axes, indexing="ij")
     correlation = expit(logit)
@@ -77,14 +84,40 @@ def test_beta_binomial_against_a_grid() -> None:
     for ci, mi in zip(c, m, strict=True):
         value += stats.betabinom.logpmf(int(ci), int(mi), expit(eta) * phi, (1 - expit(eta)) * phi)
     margins = grid_margins(axes, value)
-    r = sample.draws[:, -1]
-    draws = [sample.draws[:, 0], np.log(r) - np.log1p(-r)]
-    gaps = [scores(d, sample.ess.min(), axis, cdf) for d, axis, cdf in zip(draws, axes, margins, strict=True)]
+    r = found[:, -1]
+    draws = [found[:, 0], np.log(r) - np.log1p(-r)]
+    gaps = [scores(d, worth, axis, cdf) for d, axis, cdf in zip(draws, axes, margins, strict=True)]
     assert np.max(np.abs(gaps)) < 4.5
     # control: the binomial posterior, which knows no scatter between runs, is much narrower
     binomial = stats.norm.logpdf(axes[0], 0, 5) + sum(stats.binom.logpmf(int(v), 20, expit(axes[0])) for v in c)
     density = np.exp(binomial - binomial.max())
-    assert np.max(np.abs(scores(draws[0], sample.ess.min(), axes[0], np.cumsum(density) / density.sum()))) > 6
+    assert np.max(np.abs(scores(draws[0], worth, axes[0], np.cumsum(density) / density.sum()))) > 6
+
+
+def test_draws_by_importance_meet_the_ensemble() -> None:
+    rng = np.random.default_rng(2)
+    X = rng.uniform(-1, 1, (40, 3))
+    Z = np.column_stack([np.ones(40), X, X**2, X[:, [0]] * X[:, 1:]])
+    p = expit(1.5 + Z[:, 1:] @ rng.normal(0.0, 0.5, 8))
+    correct = rng.binomial(300, rng.beta(30 * p, 30 * (1 - p))).astype(float)
+    low = np.append(np.full(8, -np.inf), 0.0)  # one coefficient is bounded where it has half of its probability
+    prior = CoefficientPrior(np.zeros(9), np.eye(9) / 2.5**2, low, np.full(9, np.inf))
+    model = beta_binomial_model(Z, correct, np.full(40, 300.0), prior)
+    (found, worth), chain = draws_by_importance(model, 4000, np.random.default_rng(1)), sample_model(model, seed=1)
+    assert found[:, 8].min() > 0.0
+    for level in (0.025, 0.5, 0.975):
+        share = np.mean(found <= np.quantile(chain.draws, level, axis=0), axis=0)
+        assert np.max(np.abs(share - level)) < 4.5 * np.sqrt(level * (1.0 - level) * (1.0 / worth + 1.0 / 4000.0))
+
+
+def test_few_draws_by_importance_are_none() -> None:
+    """A bent ridge, which no distribution about its mode follows."""
+
+    def log_density(v):
+        return -0.5 * v[:, 0] ** 2 - 0.5 * ((v[:, 1] - 5.0 * v[:, 0] ** 2) / 0.02) ** 2
+
+    model = GeneralModel(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), log_density)
+    assert draws_by_importance(model, 1000, np.random.default_rng(1)) is None
 
 
 def test_scores_of_none_and_all_have_a_posterior() -> None:

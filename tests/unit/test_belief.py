@@ -713,3 +713,34 @@ def test_optimism_is_that_of_searching_a_surface_shrunk_by_its_own_error(tmp_pat
     expected = np.mean(errors[np.arange(4000), np.argmax(true + errors, axis=1)])
     sets = [optimism(belief, one.optimum.point, np.random.default_rng(seed)) for seed in range(20)]
     assert np.mean(sets) == pytest.approx(expected, rel=0.12)  # a few hundred places, not a fine grid
+
+
+def test_each_future_run_has_its_own_weight(tmp_path) -> None:
+    """Of logits those near 100 percent scatter more: profiles showed all points with the mean of their weights."""
+    rng = np.random.default_rng(2)
+    points = np.column_stack([np.tile(np.linspace(-1.0, 1.0, 5), 6)])
+    scores = 80.0 - 30.0 * points[:, 0] ** 2 + 2.0 * rng.normal(size=6)[np.arange(30) // 5] + rng.normal(size=30)
+    model = '[model]\nresponse = "logit"\nblock = "block"\nblock_effect = "random"\n'
+    text = specification(numeric(1), rest=model).replace('"measured"', '"percent_correct"')
+    found = analysed(tmp_path / "c", text, points, scores, block=[f"d{i // 5}" for i in range(30)])
+    at = np.array([[-1.0], [0.0], [0.9]])
+    weight = found.scale.weight_at(found.belief.mean(at))
+    assert np.ptp(weight) > 0.3
+    together = found.belief.bands(at, 0.95, weight)
+    for i in range(3):
+        alone = found.belief.bands(at[i : i + 1], 0.95, weight[i : i + 1])
+        for both, one in ((together.prediction, alone.prediction), (together.confidence, alone.confidence)):
+            assert (both.low[i], both.high[i]) == pytest.approx((one.low[0], one.high[0]), rel=1e-9)
+
+
+def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_path) -> None:
+    """Of Student-t errors with 4 degrees of freedom the scale was told, which is 0.71 of it."""
+    rng = np.random.default_rng(5)
+    points = rng.uniform(-1.0, 1.0, (300, 1))
+    scores = 50.0 - 4.0 * points[:, 0] ** 2 + rng.standard_t(4, 300)
+    found = analysed(tmp_path / "c", specification(numeric(1), rest='[model]\nerrors = "student_t"\n'), points, scores)
+    assert found.sd_of_run == pytest.approx(np.sqrt(2.0), rel=0.1)
+    s, h = found.belief.scatter(found.optimum.point)
+    assert s == found.sd_of_run
+    row = found.model.matrix(found.optimum.point[None, :])
+    assert s**2 * h == pytest.approx(float(found.fit.predict(row).se_mean[0]) ** 2, rel=1e-9)

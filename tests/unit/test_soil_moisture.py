@@ -31,7 +31,7 @@ from seqrsm.score.brightness import (
     retrieved_squares,
 )
 from seqrsm.score.evidence import seen_pixels
-from seqrsm.score.moisture import score_moisture
+from seqrsm.score.moisture import expected_spread, score_moisture
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -215,6 +215,19 @@ def test_the_spread_expected_is_that_of_many_occasions() -> None:
     assert np.ptp(floors) == 0.0
     # 80 occasions whose spread varies by a quarter or so.
     assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(floors[0], rel=0.08)
+
+
+def test_a_guess_has_no_skill_however_few_the_fields() -> None:
+    """Of four fields a quarter of their own variance goes with the date's mean: a guess of it had a skill of 0.25."""
+    s = land(("Bareground",), np.zeros_like(KINDS))
+    field = np.repeat([3, 40, 41, 200], [50, 150, 100, 300])
+    block = np.repeat([0, 1, 2], [50, 250, 300])  # the middle one holds two fields
+    r = radiometer(frequency_ghz=1.4, **BAND, soil_moisture_field_sd=0.04, soil_moisture_region_sd=0.0)
+    own = 0.04 * np.random.default_rng(1).standard_normal((40_000, 4))
+    value = np.stack([own[:, 0], own[:, 1:3] @ [0.6, 0.4], own[:, 3]])
+    weight = np.array([50.0, 250.0, 300.0]) / 600.0
+    variance = np.mean(weight @ np.square(value - weight @ value))
+    assert expected_spread(r, s, block, field) == pytest.approx(np.sqrt(variance), rel=0.01)
 
 
 def bare_and_wooded(layer: bool = False):
