@@ -17,7 +17,15 @@ from seqrsm.analysis.ground import Ground, prior_of_difference
 from seqrsm.analysis.runs import ScoredRuns, block_labels, counts_of
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import SourceFit, blocks_within, discrepancy_sd, fit_sources, source_prior, to_flight
+from seqrsm.decide.sources import (
+    SourceFit,
+    blocks_within,
+    discrepancy_sd,
+    fit_sources,
+    guessed_sd,
+    source_prior,
+    to_flight,
+)
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
@@ -306,16 +314,9 @@ class TwoSources(Surface):
         fit: LeastSquaresFit,
         ground: Ground | None,
     ) -> TwoSources:
-        """See `fit_sources`.
-
-        Flights share one of the grounds that simulations are drawn from: they depart from the surface of simulations as
-        grounds do, and scatter by chance alone.
-        """
+        """See `fit_sources`."""
         flights = np.array([source == "flight" for source in data.sources])
-        prior_sd, ratio = spec.model.discrepancy_sd, 1.0
-        if ground is not None and ground.sd_ground > 0.0 and scale.kind == "identity":
-            prior_sd = prior_sd or prior_of_difference(ground, model, data.points)
-            ratio = 1.0 / (1.0 - ground.share)
+        prior_sd, ratio = expected_of_flights(spec, model, data, scale, ground)
         found = fit_sources(
             model,
             data.points,
@@ -421,6 +422,20 @@ class TwoSources(Surface):
         """How blocks differ is not studied beside another source."""
         del spec
         return None
+
+
+def expected_of_flights(
+    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, ground: Ground | None
+) -> tuple[float, float]:
+    """How flights may differ from simulations: `fit_sources`' ``prior_sd`` and ``ratio``.
+
+    Flights share one of the grounds that simulations are drawn from: they depart from the surface of simulations as
+    grounds do, and scatter by chance alone.
+    """
+    if ground is None or ground.sd_ground == 0.0 or scale.kind != "identity":
+        return spec.model.discrepancy_sd or guessed_sd(scale.values), 1.0
+    prior_sd = spec.model.discrepancy_sd or prior_of_difference(ground, model, data.points)
+    return prior_sd, 1.0 / (1.0 - ground.share)
 
 
 STRUCTURES: Final = (RandomBlocks, TwoSources, Surface)

@@ -12,8 +12,9 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, n_determined
+from seqrsm.analysis.surfaces import expected_of_flights
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import blocks_within, guessed_sd, source_prior, stacked_rows
+from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -219,7 +220,12 @@ class _Chooser:
 
     def flight_weight(self) -> float:
         found = self.analysis.sources
-        return 1.0 if found is None else found.both.flight_weight
+        return self.of_flights()[1] if found is None else found.both.flight_weight
+
+    def of_flights(self) -> tuple[float, float]:
+        """What is expected of flights before the first."""
+        fitted = self.analysis.fitted
+        return expected_of_flights(self.spec, self.model, fitted.data, self.scale, fitted.ground)
 
     def target(self) -> FloatArray:
         return self.analysis.optimum.point
@@ -234,8 +240,7 @@ class _Chooser:
         prior = stated_prior(self.spec, application, self.model)
         if two:
             found, s = self.analysis.sources, self.analysis.fit.s
-            known = self.spec.model.discrepancy_sd
-            sd = known or (guessed_sd(self.scale.values) if found is None else found.both.prior_sd)
+            sd = self.of_flights()[0] if found is None else found.both.prior_sd
             sigma = s if found is None else found.both.s_simulation
             return source_prior(self.model, 0, sd, sigma, prior).Lambda0
         return None if prior is None else prior.Lambda0

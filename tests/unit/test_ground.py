@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.fitted import fit_surface
 from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, prior_of_difference, ranked_values
-from seqrsm.campaign.rehearsal import make_campaign
+from seqrsm.analysis.runs import response_scale, scored_runs
+from seqrsm.analysis.surfaces import TwoSources, expected_of_flights, surface_of
+from seqrsm.campaign.rehearsal import make_campaign, scored_run
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.spec.read import load_spec
-from seqrsm.store.records import NewScore
+from seqrsm.store.records import NewRun, NewScore
 
 CAMPAIGN = """\
 [campaign]
@@ -126,6 +129,37 @@ def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
     sd = discrepancy_sd(model, prior_of_difference(ground, model, points))
     difference = model.matrix(points) @ (sd[:, None] * rng.standard_normal((model.p, 20000)))
     assert np.sqrt(np.mean(np.square(difference))) == pytest.approx(5.0, rel=0.02)
+
+
+def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path: Path) -> None:
+    """Six flights over one ground, 40 simulations over grounds of their own: the scatter of flights is not theirs."""
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
+    spec, sd_ground, sd_chance, told = load_spec(tmp_path), 4.0, 2.0, []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ground = ground_of_scores(bundle(rng, sd_ground, sd_chance))
+        points = rng.uniform(-1.0, 1.0, (46, 1))
+        flights = np.arange(46) >= 40
+        of_ground = np.where(flights, sd_ground * rng.standard_normal(), sd_ground * rng.standard_normal(46))
+        scores = 60.0 - 5.0 * points[:, 0] ** 2 + of_ground + sd_chance * rng.standard_normal(46)
+        runs = [
+            scored_run(i + 1, 1, NewRun(settings, "", "", "flight" if flight else "simulation"), NewScore("a", score))
+            for i, (settings, flight, score) in enumerate(
+                zip(spec.region.decode(points), flights, scores.tolist(), strict=True)
+            )
+        ]
+        data = scored_runs(spec.region, runs, "a")
+        model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
+        found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
+        assert isinstance(found, TwoSources)
+        told.append((found.both.s, found.both.s_simulation, found.both.prior_sd))
+    flight, simulation, prior_sd = np.median(told, axis=0)
+    assert flight == pytest.approx(sd_chance, rel=0.15)
+    assert simulation == pytest.approx(np.hypot(sd_ground, sd_chance), rel=0.1)
+    assert prior_sd == pytest.approx(sd_ground, rel=0.2)
+    assert expected_of_flights(
+        replace(spec, model=spec.model.model_copy(update={"discrepancy_sd": 1.5})), model, data, scale, ground
+    ) == (1.5, pytest.approx(1.0 / (1.0 - ground.share)))  # fmt: skip
 
 
 def test_what_the_quadratic_misses_is_no_ground(tmp_path: Path) -> None:
