@@ -89,10 +89,10 @@ class StartRange(Suggestion):
         Its unit.
     scale : {"log", "linear"}
         Coding of the factor.
-    low, high : float or None
-        Start range in ``unit``; both None where no number is printed; low == high where only one is.
-    agreed_low, agreed_high : float or None
-        Part of it on which most sources agree; both None where no two of several do.
+    ends : (float, float) or None
+        Start range in ``unit``; None where no number is printed; both alike where only one is.
+    agreed : (float, float) or None
+        Part of it on which most sources agree; None where no two of several do.
     n_agreeing : int
         How many sources cover that part.
     best : float or None
@@ -102,10 +102,8 @@ class StartRange(Suggestion):
     name: str
     unit: str
     scale: str
-    low: float | None
-    high: float | None
-    agreed_low: float | None
-    agreed_high: float | None
+    ends: tuple[float, float] | None
+    agreed: tuple[float, float] | None
     n_agreeing: int
     best: float | None
 
@@ -195,7 +193,7 @@ def _start_range(
     numbers = [end for values in ranges for r in values for end in (r.low, r.high) if end is not None]
     if not numbers:
         none = ("no number is printed",)
-        return StartRange(name, unit, scale, None, None, None, None, 0, best, sources=sources, notes=none)
+        return StartRange(name, unit, scale, None, None, 0, best, sources=sources, notes=none)
     low, high, notes = min(numbers), max(numbers), []
     for side in ("low", "high"):
         if any(getattr(r, side) is None for values in ranges for r in values):
@@ -206,13 +204,12 @@ def _start_range(
             else:
                 notes.append(f"a source prints no {side} end: the range is that of the printed numbers")
     agreed_low, agreed_high, count = agreement(ranges)
-    agreed: tuple[float | None, float | None] = max(agreed_low, low), min(agreed_high, high)
-    if count == 1 and len(ranges) > 1:
-        agreed = None, None
+    agreed = (max(agreed_low, low), min(agreed_high, high)) if count > 1 or len(ranges) == 1 else None
+    if agreed is None:
         notes.append("no two sources agree")
     if low == high:
         notes.append("only one value is printed")
-    return StartRange(name, unit, scale, low, high, *agreed, count, best, sources=sources, notes=tuple(notes))
+    return StartRange(name, unit, scale, (low, high), agreed, count, best, sources=sources, notes=tuple(notes))
 
 
 def _resolution_ranges(entry: Entry) -> tuple[Range, ...]:

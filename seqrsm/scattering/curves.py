@@ -158,9 +158,7 @@ class _Parameters:
 
     def get(self, name: str, frequency_ghz: float | None = None, polarization: str = "") -> float:
         for row in self.rows:
-            frequency, channel = row.text("frequency_ghz"), row.text("polarization")
-            fits = not frequency or (frequency_ghz is not None and float(frequency) == frequency_ghz)
-            if row.text("parameter") == name and fits and channel in ("", polarization):
+            if row.text("parameter") == name and _holds(row, frequency_ghz, polarization):
                 return float(row.text("value"))
         raise KeyError(name)  # a gap in the shipped file, not a user's error
 
@@ -181,26 +179,21 @@ def shipped_curves() -> dict[tuple[str, str], Curve]:
     parameters, regressions, levels = (
         shipped_rows(f"{name}.csv") for name in ("model_parameters", "ulaby_dobson", "levels")
     )
+    by_model = {
+        "oh04": _soil_curve, "oh92": _ground_curve, "layer": _forest_curve, "water": _water_curve,
+        "constant_gamma": _gamma_curve,
+    }  # fmt: skip
     curves: dict[tuple[str, str], Curve] = {}
     for row in shipped_rows("categories.csv"):
         category = row.text("category")
         own = _Parameters(tuple(p for p in parameters if p.text("category") == category))
-        match row.text("model"):
-            case "ulaby_dobson":
-                classes = [r for r in regressions if r.text("class") == row.text("base")]
-                curve = _regression_curve(row, classes, [r for r in levels if r.text("category") == category])
-            case "oh04":
-                curve = _soil_curve(row, own)
-            case "oh92":
-                curve = _ground_curve(row, own)
-            case "layer":
-                curve = _forest_curve(row, own)
-            case "water":
-                curve = _water_curve(row, own)
-            case "mix":
-                curve = _mixed_curve(row, curves)
-            case _:
-                curve = _gamma_curve(row, own)
+        if row.text("model") == "ulaby_dobson":
+            classes = [r for r in regressions if r.text("class") == row.text("base")]
+            curve = _regression_curve(row, classes, [r for r in levels if r.text("category") == category])
+        elif row.text("model") == "mix":
+            curve = _mixed_curve(row, curves)
+        else:
+            curve = by_model[row.text("model")](row, own)
         curves[category, curve.season] = curve
     return curves
 
@@ -210,15 +203,16 @@ def weakest(statuses: Iterable[str]) -> str:
     return max(statuses, key=STATUSES.index)
 
 
+def _holds(row: Row, frequency_ghz: float | None, channel: str) -> bool:
+    """Whether a row is of a node and channel; an empty frequency or polarization holds for all."""
+    at = row.text("frequency_ghz")
+    return (not at or float(at) == frequency_ghz) and row.text("polarization") in ("", channel)
+
+
 def _statuses(rows: Sequence[Row], frequency_ghz: Sequence[float] | FloatArray) -> Statuses:
-    """Weakest status of the rows of each node and channel; an empty frequency or polarization holds for all."""
-
-    def fits(row: Row, frequency: float, channel: str) -> bool:
-        at = row.text("frequency_ghz")
-        return (not at or float(at) == frequency) and row.text("polarization") in ("", channel)
-
+    """Weakest status of the rows of each node and channel."""
     return tuple(
-        tuple(weakest(r.text("status") for r in rows if fits(r, float(f), p)) for p in POLARIZATIONS)
+        tuple(weakest(r.text("status") for r in rows if _holds(r, float(f), p)) for p in POLARIZATIONS)
         for f in frequency_ghz
     )
 
@@ -257,48 +251,56 @@ def _curve(
 def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
     """Ulaby and Dobson's class regression, moved at each node to the category's own levels.
 
-    A node between two with levels is moved by what lies between. HH is moved as VV, and by what sources of both say of
-    their difference. X and Ku bands have the level of the last node.
+    HH is moved as VV, and by what sources of both say of their difference. X and Ku bands go with the last node.
     """
     nodes = sorted({float(r.text("frequency_ghz")) for r in classes})
     value = np.full((len(nodes), 3, THETA_DEG.size), np.nan)
     move = np.full((len(nodes), 3), np.nan)
     status = [[""] * 3 for _ in nodes]
-    by_source: list[list[dict[str, list[float]]]] = [[{} for _ in range(3)] for _ in nodes]
+    of_source: list[list[dict[str, float]]] = [[{} for _ in range(3)] for _ in nodes]
     for r in classes:
-        n, p = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
+        frequency, channel = float(r.text("frequency_ghz")), r.text("polarization")
+        n, p = nodes.index(frequency), POLARIZATIONS.index(channel)
         parameters = [float(r.text(f"p{i}")) for i in range(1, 7)]
         value[n, p] = backscatter_ulaby89_db(parameters, _THETA)
-        own = [
-            x
-            for x in levels
-            if (float(x.text("frequency_ghz")), x.text("polarization")) == (nodes[n], POLARIZATIONS[p])
-        ]
-        for x in own:
-            there = float(backscatter_ulaby89_db(parameters, math.radians(float(x.text("theta_deg")))))
-            by_source[n][p].setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
-        if own:
-            move[n, p] = np.mean([np.mean(moves) for moves in by_source[n][p].values()])
+        own = [x for x in levels if _holds(x, frequency, channel)]
         status[n][p] = weakest([row.text("status"), r.text("status"), *(x.text("status") for x in own)])
-    for like, of, (hh, _, vv) in zip(status, move, by_source, strict=True):
+        if own:
+            of_source[n][p] = _departures(own, parameters)
+            move[n, p] = np.mean([*of_source[n][p].values()])
+    for like, of, (hh, _, vv) in zip(status, move, of_source, strict=True):
         if hh.keys() != vv.keys() and vv:
-            of[0] = of[2] + np.mean([np.mean(hh[name]) - np.mean(vv[name]) for name in hh] or 0.0)
+            of[0] = of[2] + np.mean([hh[name] - vv[name] for name in hh] or 0.0)
             if not hh:
                 like[0] = weakest(["computed", like[2]])
-    told = ~np.isnan(move)
-    at = np.log(nodes)
-    for n, p in zip(*np.nonzero(~told), strict=True):
-        move[n, p] = 0.0
-        if told[:n, p].any() and told[n + 1 :, p].any():
-            move[n, p] = np.interp(at[n], at[told[:, p]], move[told[:, p], p])
-            status[n][p] = weakest(["computed", *(status[k][p] for k in np.flatnonzero(told[:, p]))])
-    moved = value + move[:, :, None]
-    moved = np.concatenate([moved, *[moved[-1:]] * len(_HIGH_BANDS_GHZ)])
+    _fill_gaps(nodes, move, status)
+    moved = np.pad(value + move[:, :, None], ((0, len(_HIGH_BANDS_GHZ)), (0, 0), (0, 0)), mode="edge")
     kinds = sorted({f"{r.text('status')}: {r.text('source')}" for r in levels})
     notes = [f"level, with the regression's course over angle ({'; '.join(kinds)})"] if kinds else []
     notes.append("X and Ku bands at the level of C band (assumed: assumed_high_bands)")
     assumed = (("assumed",) * 3,) * len(_HIGH_BANDS_GHZ)
     return _curve(row, [*nodes, *_HIGH_BANDS_GHZ], moved, notes=notes, status=(*(tuple(s) for s in status), *assumed))
+
+
+def _fill_gaps(nodes: Sequence[float], move: FloatArray, status: list[list[str]]) -> None:
+    """Move nodes between two with levels by what lies between, and others without levels not at all; in place."""
+    at = np.log(nodes)
+    for p in range(3):
+        told = np.flatnonzero(~np.isnan(move[:, p]))
+        for n in np.flatnonzero(np.isnan(move[:, p])):
+            move[n, p] = 0.0
+            if told.size and told[0] < n < told[-1]:
+                move[n, p] = np.interp(at[n], at[told], move[told, p])
+                status[n][p] = weakest(["computed", *(status[k][p] for k in told)])
+
+
+def _departures(levels: list[Row], parameters: Sequence[float]) -> dict[str, float]:
+    """How far levels lie above a class regression, mean of each source [dB]."""
+    found: dict[str, list[float]] = {}
+    for x in levels:
+        there = float(backscatter_ulaby89_db(parameters, math.radians(float(x.text("theta_deg")))))
+        found.setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
+    return {source: float(np.mean(own)) for source, own in found.items()}
 
 
 def _soil_curve(row: Row, own: _Parameters) -> Curve:
@@ -313,9 +315,7 @@ def _ground_curve(row: Row, own: _Parameters) -> Curve:
     """Rough ground by Oh 1992."""
     permittivity = complex(own.get("permittivity_real"), own.get("permittivity_imaginary"))
     least = own.get("least_ks")
-    value = [
-        _db(backscatter_oh92(permittivity, max(_ks(frequency, own), least), _THETA)) for frequency in _MODEL_NODES_GHZ
-    ]
+    value = [_db(backscatter_oh92(permittivity, max(_ks(f, own), least), _THETA)) for f in _MODEL_NODES_GHZ]
     return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, notes=(own.note(),), rows=own.rows)
 
 

@@ -24,7 +24,7 @@ from seqrsm.scattering.curves import THETA_DEG, shares_of
 from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, between_nodes, read_curves
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, shipped_rows, unknown_cover
+from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_cover
 from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
@@ -218,37 +218,30 @@ class EmissivityTable:
         ]
         if problems:
             raise ScatteringDataError(*problems)
-        found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}
-        for name in dict.fromkeys(names):
-            try:
-                found[name] = self._evaluate(name, float(frequency_ghz), polarization, day)
-            except ScatteringDataError as error:
-                problems.extend(error.problems)
-        if problems:
-            raise ScatteringDataError(*problems)
-        n_nodes = max((value.shape[0] for value, _ in found.values()), default=1)
-        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
-        status = {n: self.curves[n].status if n in self.curves and len(found[n][1]) == 1 else "assumed" for n in found}
         f = float(frequency_ghz)
-        mean_sd = {n: self.mean_sd.get(n, default_mean_sd("emissivity", n, status[n], f, polarization)) for n in found}
-        value = {n: np.broadcast_to(found[n][0], (n_nodes, THETA_DEG.size)) for n in found}
-        factor = dict.fromkeys(found, 1.0)
+        found = for_each(names, lambda name: self._evaluate(name, f, polarization, day))
+        n_nodes = max((value.shape[0] for value, _, _ in found.values()), default=1)
+        value = [np.broadcast_to(found[name][0], (n_nodes, THETA_DEG.size)) for name in names]
+        status = tuple(found[name][1] for name in names)
+        assumed = [default_mean_sd("emissivity", *own, f, polarization) for own in zip(names, status, strict=True)]
+        mean_sd = [self.mean_sd.get(name, sd) for name, sd in zip(names, assumed, strict=True)]
+        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
         if self.world is not None:
-            away = {n: mean_sd[n] * self.world.departure(n, "", f, polarization) for n in found}
-            value = {n: np.clip(value[n] + away[n], 0.0, 1.0) for n in found}
-            factor = {n: self.world.field_factor(n) for n in found}
+            away = [sd * self.world.departure(n, "", f, polarization) for n, sd in zip(names, mean_sd, strict=True)]
+            value = [np.clip(own + off, 0.0, 1.0) for own, off in zip(value, away, strict=True)]
+            spread[:, 0] *= [self.world.field_factor(name) for name in names]
         return EmissivityLookup(
             categories=names,
             theta_deg=THETA_DEG,
-            emissivity=np.array([value[n] for n in names]),
+            emissivity=np.array(value),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
-            heating=np.array([self._heating(n) for n in names]),
-            field_sd=spread[:, 0] * np.array([factor[n] for n in names]),
+            heating=np.array([self._heating(name) for name in names]),
+            field_sd=spread[:, 0],
             date_sd=spread[:, 1],
             channel_correlation=spread[:, 2],
-            mean_sd=np.array([mean_sd[n] for n in names]),
-            status=tuple(status[n] for n in names),
-            notes=tuple(dict.fromkeys(note for _, notes in found.values() for note in notes)),
+            mean_sd=np.array(mean_sd),
+            status=status,
+            notes=tuple(dict.fromkeys(note for _, _, notes in found.values() for note in notes)),
         )
 
     def _heating(self, name: str) -> float:
@@ -259,18 +252,18 @@ class EmissivityTable:
 
     def _evaluate(
         self, name: str, f: float, polarization: str, day: float | None
-    ) -> tuple[FloatArray, tuple[str, ...]]:
-        """Emissivity (1 or n_moistures, 91) of a category, and notes; more than one note means a model was used."""
+    ) -> tuple[FloatArray, str, tuple[str, ...]]:
+        """Emissivity (1 or n_moistures, 91) of a category, its status, and notes."""
         if name not in self.curves:
             parts = {part: self._evaluate(part, f, polarization, day) for part in self.mixes[name]}
             value = sum(share * parts[part][0] for part, share in self.mixes[name].items())
             shares = " and ".join(f"{share:.0%} {part}" for part, share in self.mixes[name].items())
             said = [f"{name} emits as {shares.removeprefix('100% ')} (assumed)"]
-            return np.asarray(value), (*said, *(note for _, notes in parts.values() for note in notes))
+            return np.asarray(value), "assumed", (*said, *(note for _, _, notes in parts.values() for note in notes))
         curve = self.curves[name]
         canopy = 1.0 if day is None else canopy_share(name, day, self.file)
         if not curve.printed:
-            return between_nodes(name, curve, f, polarization, self.file)[None], (curve.note,)
+            return between_nodes(name, curve, f, polarization, self.file)[None], curve.status, (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
         model = self.models[name]
         moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
@@ -279,13 +272,13 @@ class EmissivityTable:
         ratio = own[:, _HELD] / reference[_HELD]
         value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
         if (f, polarization) == (TABLE_FREQUENCY_GHZ, "H") and model.ground != "soil" and canopy == 1.0:
-            return table[None], (curve.note,)
+            return table[None], curve.status, (curve.note,)
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]
         if model.ground == "soil" and f > _SOIL_MODEL_HIGH_GHZ:
             notes.append(f"soil permittivity above {_SOIL_MODEL_HIGH_GHZ:g} GHz lies outside its model (assumed)")
         if f > MEASURED_GHZ:
             notes.append(f"emissivity above {MEASURED_GHZ:g} GHz goes on by these fits, unmeasured (assumed)")
-        return value, tuple(notes)
+        return value, "assumed", tuple(notes)
 
 
 def emissivity_mo82(

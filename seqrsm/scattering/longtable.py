@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -125,32 +126,32 @@ def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, fl
 
 def _node(row: Row, quantity: str, problems: list[Problem]) -> Node | None:
     """The node of a row, or None after its faults are appended to ``problems``."""
-    before, scatters = len(problems), quantity == "sigma0"
+    before = len(problems)
+    if quantity == "sigma0":
+        limits, limits_ghz = {"dB": (-100.0, 40.0), "1": (1e-10, 1e4)}, (0.1, 300.0)
+        channels, states, most_sd, most_mean_sd = [*POLARIZATIONS, "VH"], ["wind_m_s", "season"], 20.0, 20.0
+    else:
+        limits, limits_ghz = {"1": (0.0, 1.0)}, EMISSIVITY_GHZ
+        channels, states, most_sd, most_mean_sd = ["H", "V"], [], 0.5, 1.0
     row.choice("quantity", problems, (quantity,))
-    unit = row.choice("unit", problems, ("dB", "1") if scatters else ("1",))
+    unit = row.choice("unit", problems, tuple(limits))
     row.choice("status", problems, STATUSES)
-    problems += [
-        row.problem(column, "empty", "Every row needs a category and a source")
-        for column in ("category", "source")
-        if not row.text(column)
-    ]
-    problems += [
-        row.problem(column, "a table by this state is not supported", "Leave it empty")
-        for column in (("moisture", "snow_cm") if scatters else ("moisture", "snow_cm", "wind_m_s", "season"))
-        if row.text(column)
-    ]
-    season = row.choice("season", problems, _SEASONS) if scatters and row.text("season") else _SEASONS[0]
-    channel = row.choice("polarization", problems, (*POLARIZATIONS, "VH") if scatters else ("H", "V"))
-    frequency = row.number("frequency_ghz", problems, *((0.1, 300.0) if scatters else EMISSIVITY_GHZ))
+    empty = [column for column in ("category", "source") if not row.text(column)]
+    problems += [row.problem(column, "empty", "Every row needs a category and a source") for column in empty]
+    others = [name for name in ("moisture", "snow_cm", "wind_m_s", "season") if row.text(name) and name not in states]
+    problems += [row.problem(name, "a table by this state is not supported", "Leave it empty") for name in others]
+    stated = {column for column in (*states, "sd", "mean_sd") if row.text(column)}
+    season = row.choice("season", problems, _SEASONS) if "season" in stated else _SEASONS[0]
+    channel = row.choice("polarization", problems, channels)
+    frequency = row.number("frequency_ghz", problems, *limits_ghz)
     theta = row.number("theta_deg", problems, 0.0, 90.0)
-    wind = row.number("wind_m_s", problems, 0.1, 50.0) if scatters and row.text("wind_m_s") else _NO_WIND
-    sd = row.number("sd", problems, 0.0, 20.0 if scatters else 0.5) if row.text("sd") else np.nan
-    mean_sd = row.number("mean_sd", problems, 0.0, 20.0 if scatters else 1.0) if row.text("mean_sd") else np.nan
-    low, high = (0.0, 1.0) if not scatters else (-100.0, 40.0) if unit == "dB" else (1e-10, 1e4)
-    value = row.number("value", problems, low, high)
+    wind = row.number("wind_m_s", problems, 0.1, 50.0) if "wind_m_s" in stated else _NO_WIND
+    sd = row.number("sd", problems, 0.0, most_sd) if "sd" in stated else np.nan
+    mean_sd = row.number("mean_sd", problems, 0.0, most_mean_sd) if "mean_sd" in stated else np.nan
+    value = row.number("value", problems, *limits.get(unit, limits["1"]))
     if len(problems) > before:
         return None
-    if scatters and unit == "1":
+    if quantity == "sigma0" and unit == "1":
         value = float(10.0 * np.log10(value))
     channel = "HV" if channel == "VH" else channel
     return Node(row, row.text("category"), season, frequency, wind, channel, theta, value, sd, mean_sd)
@@ -163,14 +164,13 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
     channels = sorted({node.channel for node in nodes})
     before = len(problems)
     value = np.full((len(winds), len(frequencies), len(POLARIZATIONS), THETA_DEG.size), np.nan)
-    for w, wind in enumerate(winds):
-        for f, frequency in enumerate(frequencies):
-            for channel in channels:
-                block = [n for n in nodes if (n.wind_m_s, n.frequency_ghz, n.channel) == (wind, frequency, channel)]
-                at = f"{key[0]}, {key[1]}, {frequency:g} GHz, {channel}"
-                value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
+    for (w, wind), (f, frequency), channel in product(enumerate(winds), enumerate(frequencies), channels):
+        block = [n for n in nodes if (n.wind_m_s, n.frequency_ghz, n.channel) == (wind, frequency, channel)]
+        at = f"{key[0]}, {key[1]}, {frequency:g} GHz, {channel}"
+        value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
     if len(problems) > before:
         return None
+    status = [weakest(n.row.text("status") for n in nodes if n.frequency_ghz == f) for f in frequencies]
     of_mean = stated(nodes, "mean_sd", lambda node: (node.frequency_ghz, node.channel))
     sources = sorted({f"{n.row.text('status')}: {n.row.text('source')}" for n in nodes})
     return Curve(
@@ -183,10 +183,7 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
         water=False,
         soil_rms_height_m=None,
         reference_moisture=0.2,
-        status=tuple(
-            (weakest(n.row.text("status") for n in nodes if n.frequency_ghz == frequency),) * 3
-            for frequency in frequencies
-        ),
+        status=tuple((own,) * 3 for own in status),
         notes=(f"rows of {Path(nodes[0].row.file).name} ({'; '.join(sources)})",),
         as_given=True,
         mean_sd_db=np.array([[of_mean.get((f, p), np.nan) for p in POLARIZATIONS] for f in frequencies]),

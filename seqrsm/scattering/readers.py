@@ -6,11 +6,11 @@ import csv
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,8 @@ COVER: Final = "cover"
 """Field of a problem that lies with the name of a ground cover."""
 
 _MAX_BYTES: Final = 50_000_000
+
+T = TypeVar("T")
 
 
 def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> Problem:
@@ -116,27 +118,36 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     lines = list(_lines(text, file))
     if not lines:
         raise ScatteringDataError("the table is empty", f"Columns: {', '.join(required)}", file=file)
-    header = [name.strip() for name in lines[0][1]]
+    (first, cells), *rows = lines
+    header = [name.strip() for name in cells]
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         message, remedy = "the cells are not separated by commas", "Separate them by commas; decimals have points"
-        raise ScatteringDataError(message, remedy, file=file, line=lines[0][0])
-    problems = [
-        Problem("the column is missing", "", file, lines[0][0], name) for name in required if name not in header
-    ]
-    known = {*required, *optional}
+        raise ScatteringDataError(message, remedy, file=file, line=first)
+    known = [*required, *optional]
+    problems = [Problem("the column is missing", "", file, first, name) for name in required if name not in header]
+    remedy = f"Known: {', '.join(known)}"
+    problems += [Problem("no such column", remedy, file, first, name) for name in header if name not in known]
+    width = len(header)
     problems += [
-        Problem("no such column", f"Known: {', '.join([*required, *optional])}", file, lines[0][0], name)
-        for name in header
-        if name not in known
-    ]
-    problems += [
-        Problem(f"{len(cells)} cells, the header has {len(header)}", "", file, line)
-        for line, cells in lines[1:]
-        if len(cells) != len(header)
+        Problem(f"{len(own)} cells, the header has {width}", "", file, line) for line, own in rows if len(own) != width
     ]
     if problems:
         raise ScatteringDataError(*problems)
-    return [Row(file, line, dict(zip(header, cells, strict=True))) for line, cells in lines[1:]]
+    return [Row(file, line, dict(zip(header, own, strict=True))) for line, own in rows]
+
+
+def for_each(categories: Iterable[str], find: Callable[[str], T]) -> dict[str, T]:
+    """What is found for each category, repeats once; ScatteringDataError with the problems of all."""
+    found: dict[str, T] = {}
+    problems: list[Problem] = []
+    for category in dict.fromkeys(categories):
+        try:
+            found[category] = find(category)
+        except ScatteringDataError as error:
+            problems += error.problems
+    if problems:
+        raise ScatteringDataError(*dict.fromkeys(problems))
+    return found
 
 
 @cache

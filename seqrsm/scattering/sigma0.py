@@ -19,11 +19,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import Course, course, level_days, on_day, share_of_c
 from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, shipped_curves, weakest
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import POLARIZATIONS, Row, shipped_rows, unknown_cover
+from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -180,46 +180,37 @@ class Sigma0Table:
         if channel not in POLARIZATIONS:
             remedy = f"One of: {', '.join(POLARIZATIONS)}"
             raise ScatteringDataError("no such polarization", remedy, field="polarization", value=polarization)
-        state = _State(float(frequency_ghz), float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
-        problems: list[Problem] = []
-        found: dict[str, _Found] = {}
-        for category in dict.fromkeys(categories):
-            try:
-                found[category] = _evaluate(self._curve(category, season), channel, state, self.world)
-            except ScatteringDataError as error:
-                problems.extend(error.problems)
-        if problems:
-            raise ScatteringDataError(*dict.fromkeys(problems))
-        through = None if day is None else self._course(found, float(frequency_ghz), channel, state)
-        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
-        spread = {category: self.variability.get((category, channel), assumed) for category in found}
-        factor = {category: self.world.field_factor(category) if self.world else 1.0 for category in found}
-        notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
-        notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
-        related = f"{self.channel_correlation:g} (computed: flevoland)"
-        notes.append(f"correlation of the field-to-field draws of two channels: {related}")
-        in_c = share_of_c(float(frequency_ghz))
-        field_sd = {
-            name: factor[name] * float(np.interp(in_c, (0.0, 1.0), v.field_sd_db)) for name, v in spread.items()
-        }
+        frequency = float(frequency_ghz)
+        state = _State(frequency, float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
+        found = for_each(categories, lambda name: _evaluate(self._curve(name, season), channel, state, self.world))
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
-        if through is not None and day is not None:
-            through = through.of([list(found).index(name) for name in names])
+        through = None
+        if day is not None:
+            places = [list(found).index(name) for name in names]
+            through = self._course(found, frequency, channel, state).of(places)
             value = value + through.at_angles(day, THETA_DEG)
-            shape = course_deviation(level_days(float(frequency_ghz)))
-            sd = np.hypot(sd, through.sd_db * float(on_day(shape, day)))
+            sd = np.hypot(sd, through.sd_db * float(on_day(course_deviation(level_days(frequency)), day)))
+        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
+        spread = {name: self.variability.get((name, channel), assumed) for name in found}
+        factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
+        in_c = share_of_c(frequency)
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(value),
-            field_sd_db=np.array([field_sd[name] for name in names]),
+            field_sd_db=np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names]),
             date_sd_db=np.array([spread[name].date_sd_db for name in names]),
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
-            notes=tuple(notes),
+            notes=(
+                *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
+                *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
+                f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} "
+                "(computed: flevoland)",
+            ),
             course=through,
         )
 

@@ -19,10 +19,9 @@ from seqrsm.errors import SceneError
 from seqrsm.plain import counted
 from seqrsm.scene.scene import MAX_CELLS
 
-_PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 34735, 42113
-_MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS = 1024, 1025, 3072, 3076
+_PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _GDAL_METADATA, _NODATA = 33550, 33922, 34264, 34735, 42112, 42113
+_MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS, _VERTICAL_UNITS = 1024, 1025, 3072, 3076, 4099
 _GEOGRAPHIC, _PIXEL_IS_POINT, _METRE = 2, 2, 9001
-_VERTICAL_UNITS, _GDAL_METADATA = 4099, 42112
 _USER_DEFINED: Final = 32767
 _FEET: Final = (9002, 9003)
 _WHITE_IS_ZERO, _RGB = 0, 2
@@ -87,12 +86,34 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
         Not readable, of several bands none of which was chosen, not placed, rotated, in degrees or in feet, or too
         large.
     """
+    file = str(path)
+    values, tags, place = _read(file, layer, band)
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
+        raise SceneError(text, "Convert it with gdal_translate", file=file)
+    try:
+        keys = _geo_keys(tags.get(_GEO_KEYS))
+        placement = _placement(tags, keys, file)
+    except (TypeError, ValueError, IndexError, OverflowError) as error:
+        remedy = "Rewrite it, for instance with gdal_translate"
+        raise SceneError(f"the file's georeference is damaged: {error}", remedy, file=file) from error
+    if not all(map(math.isfinite, placement)):
+        raise SceneError("the file's georeference is damaged", "Rewrite it with gdal_translate", file=file)
+    item = _gdal_items(tags.get(_GDAL_METADATA), place)
+    scale, offset = _number(item.get("scale")) or 1.0, _number(item.get("offset")) or 0.0
+    epsg = None if keys.get(_PROJECTED_CS) in (0, _USER_DEFINED) else keys.get(_PROJECTED_CS)
+    raster = Raster(values, *placement, epsg, _number(tags.get(_NODATA)), scale, offset)
+    _check_units(raster, keys, item.get("unittype", ""), layer, file)
+    return raster
+
+
+def _read(file: str, layer: str, band: int | None) -> tuple[AnyArray, dict[int, Any], int]:
+    """Numbers of a band, tags of its page by their codes, and its place in the page, from 0."""
     import tifffile
 
-    file = str(path)
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong is told below, once
     try:
-        with tifffile.TiffFile(path) as tiff:
+        with tifffile.TiffFile(file) as tiff:
             every: list[Any] = list(tiff.pages)
             # Overviews and masks are no bands.
             pages = [page for page in every if not (page.is_reduced or page.is_mask)] or every[:1]
@@ -104,51 +125,33 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
             if held < parts:
                 remedy = "Copy it again from where it came from"
                 raise SceneError(f"the file holds {held} of the {parts} parts of its raster", remedy, file=file)
-            if page is not pages[0]:
-                tags |= {tag.code: tag.value for tag in page.tags.values()}
-            values = _values(page, place, file)
+            tags |= {tag.code: tag.value for tag in page.tags.values()}
+            return _values(page, place, file), tags, place
     except FileNotFoundError as error:
         raise SceneError("no such raster", file=file) from error
     except SceneError:
         raise
     except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
         raise SceneError(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file=file) from error
-    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
-        text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
-        raise SceneError(text, "Convert it with gdal_translate", file=file)
-    try:
-        keys = _geo_keys(tags.get(_GEO_KEYS))
-        left, top, step_x, step_y = _placement(tags, keys, file)
-    except (TypeError, ValueError, IndexError, OverflowError) as error:
-        remedy = "Rewrite it, for instance with gdal_translate"
-        raise SceneError(f"the file's georeference is damaged: {error}", remedy, file=file) from error
-    if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
-        raise SceneError("the file's georeference is damaged", "Rewrite it with gdal_translate", file=file)
-    if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
-        zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
+
+
+def _check_units(raster: Raster, keys: Mapping[int, int], vertical: str, layer: str, file: str) -> None:
+    """Refuse a raster in degrees or feet, and elevations in feet; ``vertical``: GDAL's name of their unit."""
+    left, _, _, top = raster.bounds
+    if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (
+        _MODEL_TYPE not in keys and raster.step_x < 0.02 and abs(left) <= 360.0
+    ):
+        zone = int((left + 0.5 * raster.values.shape[1] * raster.step_x + 180.0) // 6.0) + 1
         utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
         remedy = f"Project it to metres first, for instance: gdalwarp -t_srs EPSG:{utm} -r near {file} projected.tif"
         raise SceneError("the raster is in degrees", remedy, file=file, field="coordinate system")
     if keys.get(_LINEAR_UNITS, _METRE) != _METRE:
         remedy = "Project it to a system in metres with gdalwarp -t_srs"
         raise SceneError("the raster is not in metres", remedy, file=file, field="coordinate system")
-    item = _gdal_items(tags.get(_GDAL_METADATA), place)
-    unit = item.get("unittype", "").strip().lower()
-    if layer == "elevation" and (keys.get(_VERTICAL_UNITS) in _FEET or unit.startswith(("ft", "foot", "feet"))):
+    feet = keys.get(_VERTICAL_UNITS) in _FEET or vertical.strip().lower().startswith(("ft", "foot", "feet"))
+    if layer == "elevation" and feet:
         remedy = f"Turn them into metres, for instance: gdal_calc.py -A {file} --calc=A*0.3048 --outfile metres.tif"
         raise SceneError("the elevations are not in metres", remedy, file=file, field="vertical unit")
-    epsg = keys.get(_PROJECTED_CS)
-    return Raster(
-        values=values,
-        left=left,
-        top=top,
-        step_x=step_x,
-        step_y=step_y,
-        epsg=None if epsg in (None, 0, _USER_DEFINED) else epsg,
-        nodata=_number(tags.get(_NODATA)),
-        scale=_number(item.get("scale")) or 1.0,
-        offset=_number(item.get("offset")) or 0.0,
-    )
 
 
 def _number(text: Any) -> float | None:
@@ -160,16 +163,12 @@ def _number(text: Any) -> float | None:
 
 def _band(pages: list[Any], file: str, layer: str, band: int | None) -> tuple[Any, int]:
     """Page of a file that holds the band asked for, and the place of the band in it, from 0."""
-    counts = [int(page.samplesperpixel) for page in pages]
-    n = sum(counts)
+    bands = [(page, place) for page in pages for place in range(int(page.samplesperpixel))]
+    n = len(bands)
     if band is None and n == 1:
-        return pages[0], 0
+        return bands[0]
     if band is not None and 1 <= band <= n:
-        number, k = band - 1, 0
-        while number >= counts[k]:
-            number -= counts[k]
-            k += 1
-        return pages[k], number
+        return bands[band - 1]
     if band is not None:
         remedy = f"Choose one from 1 to {n}" if n > 1 else f"Leave --band {layer} out"
         raise SceneError(f"the raster has {counted(n, 'band')}", remedy, file=file, value=f"{layer}={band}")
@@ -183,7 +182,7 @@ def _band(pages: list[Any], file: str, layer: str, band: int | None) -> tuple[An
 def _values(page: Any, place: int, file: str) -> AnyArray:
     """Numbers of one band of a page; of one whose compression tifffile cannot undo alone, by way of Pillow."""
     try:
-        values = np.asarray(page.asarray())
+        values, axes = np.asarray(page.asarray()), page.axes
     except (KeyError, ValueError, ImportError) as error:
         if "imagecodecs" not in str(error) and not isinstance(error, ImportError):
             raise
@@ -202,8 +201,6 @@ def _values(page: Any, place: int, file: str) -> AnyArray:
             name = getattr(page.compression, "name", page.compression)
             raise SceneError(f"compression {name} cannot be undone: {other}", remedy, file=file) from error
         axes = "YX" if values.ndim == 2 else "YXS"
-    else:
-        axes = page.axes
     if "S" in axes:
         values = np.take(values, place, axis=axes.index("S"))
     return values.astype(np.uint8) if values.dtype == np.bool_ else values

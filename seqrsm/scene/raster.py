@@ -208,40 +208,42 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
         A missing file or column, or a line with a wrong code: all at once.
     """
     file = str(path)
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"cannot read the legend: {error}", file=file) from error
-    place = [k for k, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
-    written = [lines[k - 1] for k in place]
-    separator = max(",;\t", key=lambda sign: written[0].count(sign)) if written else ","
-    reader = csv.DictReader(written, delimiter=separator)
-    if not {"code", "category"} <= set(reader.fieldnames or ()):
-        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
-    names: list[str] = []
+    index: dict[str, int] = {}
     notes: dict[str, str] = {}
     codes: dict[int, int] = {}
     problems = []
-    for row in reader:
-        number = place[reader.line_num - 1]
+    for line, row in _legend_rows(file):
         category = (row["category"] or "").strip()
         try:
             code = int(row["code"] or "")
         except ValueError:
-            problems.append(Problem("not a whole number", "", file, number, "code", row["code"]))
+            problems.append(Problem("not a whole number", "", file, line, "code", row["code"]))
             continue
         if code in codes:
-            problems.append(Problem("the code is given twice", "", file, number, "code", code))
-        if category and category not in names:
-            names.append(category)
-        codes[code] = names.index(category) if category else NO_COVER
+            problems.append(Problem("the code is given twice", "", file, line, "code", code))
+        codes[code] = index.setdefault(category, len(index)) if category else NO_COVER
         if category and row.get("note"):
             notes[category] = str(row["note"])
-    if not names and not problems:
+    if not index and not problems:
         problems.append(Problem("the legend names no category", "", file))
     if problems:
         raise SceneError(*problems)
-    return tuple(names), notes, codes
+    return tuple(index), notes, codes
+
+
+def _legend_rows(file: str) -> list[tuple[int, dict[str, Any]]]:
+    """Line number and cells of each row, whatever sign separates them; comment lines begin with #."""
+    try:
+        lines = enumerate(Path(file).read_text(encoding="utf-8-sig").splitlines(), start=1)
+        kept = {number: line for number, line in lines if line.strip() and not line.startswith("#")}
+        numbers, header = list(kept), next(iter(kept.values()), "")
+        reader = csv.DictReader(kept.values(), delimiter=max(",;\t", key=header.count))
+        rows = [(numbers[reader.line_num - 1], row) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise SceneError(f"cannot read the legend: {error}", file=file) from error
+    if not {"code", "category"} <= set(reader.fieldnames or ()):
+        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
+    return rows
 
 
 def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float, int, int]:
@@ -266,18 +268,7 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
 
 
 def _whole_numbers(raster: Raster, layer: str, x: FloatArray, y: FloatArray, file: str) -> tuple[AnyArray, AnyArray]:
-    """Codes at points by the nearest cell, and where they are known."""
-    codes, known = _nearest(raster, x, y)
-    if codes.dtype.kind == "f":
-        if (codes != np.rint(codes)).any():
-            text, remedy = f"{layer} codes must be whole numbers", f"Is this the raster of {layer}?"
-            raise SceneError(text, remedy, file=file, value=float(codes[codes != np.rint(codes)][0]))
-        codes = codes.astype(np.int64)
-    return codes, known
-
-
-def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, AnyArray]:
-    """Values at points by the nearest cell, and where they are known."""
+    """Codes at points by the nearest cell, 0 beside them, and where they are known."""
     rows, cols = raster.values.shape
     j = np.clip(((x - raster.left) / raster.step_x).astype(np.int64), 0, cols - 1)
     i = np.clip(((raster.top - y) / raster.step_y).astype(np.int64), 0, rows - 1)
@@ -287,7 +278,14 @@ def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, An
         known &= values != raster.nodata
     left, bottom, right, top = raster.bounds
     known &= ((y >= bottom) & (y <= top))[:, None] & ((x >= left) & (x <= right))
-    return np.where(known, values, 0), known
+    codes = np.where(known, values, 0)
+    if codes.dtype.kind != "f":
+        return codes, known
+    odd = codes[codes != np.rint(codes)]
+    if odd.size:
+        text, remedy = f"{layer} codes must be whole numbers", f"Is this the raster of {layer}?"
+        raise SceneError(text, remedy, file=file, value=float(odd[0]))
+    return codes.astype(np.int64), known
 
 
 def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | None = None) -> AnyArray:

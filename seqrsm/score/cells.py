@@ -87,7 +87,6 @@ def _letters(text: str) -> str:
 
 _ADD = "Add it."
 
-
 _SHORT = {"bw": "bandwidth"}
 """Short forms of factors' names that do not begin them; those that do, such as "pol" or "freq", are known by that."""
 
@@ -174,7 +173,8 @@ class CellReader:
                 self.add("two columns have this name", "Rename or remove one.", line, name)
             else:
                 self.columns[name] = index
-                self.unit(name, unit, line)
+                if unit:
+                    self.unit(name, unit, line)
         self.missing(line)
 
     def _reciprocal_of(self, name: str, unit: str, known: set[str]) -> str:
@@ -187,40 +187,39 @@ class CellReader:
 
     def unit(self, name: str, unit: str, line: int) -> None:
         """Note the number that turns a column's unit into the factor's."""
-        factor = next((factor for factor in self.factors if factor.name == name), None)
-        if factor is not None and unit and factor.levels is None:
-            scale = unit_factor(unit, factor.unit)
-            reciprocal = reciprocal_factor(unit, factor.unit) if name.split(".")[-1] in _RECIPROCALS else None
-            if scale is not None:
-                self.scales[name] = scale
-            elif reciprocal is not None:
-                self.reciprocals[name] = reciprocal
-            else:
-                like = units_like(factor.unit)
-                near = nearest(unit, like)
-                wanted = f"Did you mean {near}?" if near else f"Give it in {' or '.join(like) or factor.unit}."
-                if not factor.unit:
-                    wanted = "It is dimensionless: omit the unit."
-                self.add("the unit cannot be converted", wanted, line, name, unit)
-        elif unit and name in ("score", "se"):
+        factor = next((factor for factor in self.factors if factor.name == name and factor.levels is None), None)
+        if factor is not None:
+            self._factor_unit(factor, unit, line)
+        elif name in ("score", "se"):
             theirs = {one.score_unit for one in self.measures.values()}
             self.told_units[name] = {"%": "percent"}.get(unit, unit)
             if self.told_units[name] not in theirs:
                 headers = " or ".join(f"{name} [{one}]" if one else name for one in sorted(theirs))
                 remedy = f"Convert them where needed, and write the header as: {headers}"
                 self.add("this is not the unit of the scores", remedy, line, name, unit)
-        elif unit and name in self.optional:
+        elif name in self.optional:
             self.add("this column has no unit", f"Write the header as: {name}", line, name, unit)
+
+    def _factor_unit(self, factor: FactorColumn, unit: str, line: int) -> None:
+        scale, reciprocal = unit_factor(unit, factor.unit), reciprocal_factor(unit, factor.unit)
+        if scale is not None:
+            self.scales[factor.name] = scale
+        elif reciprocal is not None and factor.name.rpartition(".")[2] in _RECIPROCALS:
+            self.reciprocals[factor.name] = reciprocal
+        else:
+            like = units_like(factor.unit)
+            near = nearest(unit, like)
+            wanted = f"Did you mean {near}?" if near else f"Give it in {' or '.join(like) or factor.unit}."
+            wanted = wanted if factor.unit else "It is dimensionless: omit the unit."
+            self.add("the unit cannot be converted", wanted, line, factor.name, unit)
 
     def missing(self, line: int) -> None:
         """Columns that must be there and are not."""
         free = self.free_columns()
         hints = {one.name: _rename_hint(one, free) for one in self.factors if one.name not in self.columns}
         if free and len(hints) == len(self.factors) and set(hints.values()) == {_ADD}:
-            names = ", ".join(hints)
-            self.add(
-                "this line is no header: it names no factor", f"Begin the file with a line of names: {names}.", line
-            )
+            remedy = f"Begin the file with a line of names: {', '.join(hints)}."
+            self.add("this line is no header: it names no factor", remedy, line)
             return
         for name, hint in hints.items():
             self.add("no column for this factor", hint, line, name)

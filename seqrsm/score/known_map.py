@@ -50,8 +50,7 @@ class KnownMap:
     def label_of_fields(self, scene: Scene, seed: int) -> IntArray:
         """Label (n_fields,) that it gives each field of a scene."""
         cover = categories_of_fields(scene).astype(np.int64)
-        known = cover < len(self.share)
-        reached = np.cumsum(self.share, axis=1)[np.where(known, cover, 0)]
+        reached = np.cumsum(self.share, axis=1)[np.where(cover < len(self.share), cover, 0)]
         drawn = generator(seed, self.key, "known map").random(len(cover))
         return np.asarray(np.minimum(np.sum(drawn[:, None] >= reached, axis=1), len(self.labels) - 1))
 
@@ -70,45 +69,46 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
     SceneError, ScoresFileError
         Every cell that is no share, covers that are missing, given twice or without any ground.
     """
-    text = table_text(path)
+    text, file = table_text(path), str(path)
     table = read_table(text.name, text.data, lambda cell: cell.strip().lower() == "cover")
     header = [cell.strip() for cell in table.header]
-    place = next((i for i, cell in enumerate(header) if cell.lower() == "cover"), None)
-    labels = [cell for i, cell in enumerate(header) if i != place]
+    place = next((i for i, cell in enumerate(header) if cell.lower() == "cover"), len(header))
+    labels = [*header[:place], *header[place + 1 :]]
+    if place == len(header) or len(labels) < 2 or "" in labels or len(set(labels)) < len(labels):
+        remedy = "Give it the header: cover, and two or more labels."
+        raise SceneError("this is not a confusion table", remedy, file=file, line=table.header_line)
     problems: list[Problem] = []
-
-    def wrong(message: str, remedy: str, line: int, field: str = "", value: object = None) -> None:
-        problems.append(Problem(message, remedy, str(path), line, field or None, value))
-
-    if place is None or len(labels) < 2 or "" in labels or len(set(labels)) < len(labels):
-        wrong("this is not a confusion table", "Give it the header: cover, and two or more labels.", table.header_line)
-        raise SceneError(*problems)
     rows: dict[str, FloatArray] = {}
     for line, cells in table.rows:
-        cover, row = cells[place].strip() if place < len(cells) else "", []
-        for label, cell in zip(labels, (c for i, c in enumerate(cells) if i != place), strict=False):
-            try:
-                row.append(float(cell))
-            except ValueError:
-                row.append(np.nan)
-            if not 0.0 <= row[-1] < np.inf:
+        given = list(cells)
+        cover = given.pop(place).strip() if place < len(cells) else ""
+        row = np.array([_number(cell) for cell in given])
+        for label, cell, share in zip(labels, given, row, strict=False):
+            if not 0.0 <= share < np.inf:
                 remedy = "Use a decimal point." if "," in cell else _NUMBERS
-                wrong("a share must be a number", remedy, line, label, cell)
+                problems.append(Problem("a share must be a number", remedy, file, line, label, cell))
         if len(cells) != len(header):
-            wrong(f"the row has {len(cells)} cells, the header {len(header)}", "Give one to each label.", line)
+            wrong = f"the row has {len(cells)} cells, the header {len(header)}"
+            problems.append(Problem(wrong, "Give one to each label.", file, line))
         elif cover in rows:
-            wrong("a cover is given twice", "Keep one.", line, "cover", cover)
-        elif sum(row) == 0.0:
-            wrong("a cover has no cells", _NUMBERS, line, "cover", cover)
-        rows[cover] = np.array(row)
-    missing = [name for name in categories if name not in rows]
+            problems.append(Problem("a cover is given twice", "Keep one.", file, line, "cover", cover))
+        elif not row.any():
+            problems.append(Problem("a cover has no cells", _NUMBERS, file, line, "cover", cover))
+        rows[cover] = row
+    listed, missing = (", ".join(names) for names in (rows, [name for name in categories if name not in rows]))
     if missing and not problems:
-        remedy = f"Add a row for each; the table has {', '.join(rows)}."
-        wrong("the map lacks these covers of the scene", remedy, table.header_line, "cover", ", ".join(missing))
+        wrong, remedy = "the map lacks these covers of the scene", f"Add a row for each; the table has {listed}."
+        problems.append(Problem(wrong, remedy, file, table.header_line, "cover", missing))
     if problems:
         raise SceneError(*problems)
-    share = np.array([rows[name] / rows[name].sum() for name in categories])
-    return KnownMap(tuple(labels), share)
+    return KnownMap(tuple(labels), np.array([rows[name] / rows[name].sum() for name in categories]))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
 
 
 def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int, seed: int) -> IntArray:

@@ -30,6 +30,7 @@ BEAM_STEPS_A_WIDTH: Final = 128
 
 _REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
 _MOST_FOOTPRINTS: Final = 20_000_000
+_MOST_BEAMWIDTHS: Final = 1e4  # of a measured pattern from its axis: 180 deg of a beam of 0.018 deg
 _WIDEST_RAD: Final = math.radians(RADIOMETER["scan_half_angle_deg"].high)
 _FAR_M: Final = 1e9  # a scene of 100 km is as wide from there as it is long, to 1e-8
 
@@ -123,10 +124,8 @@ def scan_geometry(
     smear = radiometer.integration_time_ms / dwell_ms
     problems = _problems(radiometer, height_m, advance, sweep_time)
     if half_angle < 0.25 * beta and radiometer.scan_half_angle_deg > 0.0:
-        text = "the sweep is narrower than half a beam"
-        problems.append(
-            Problem(text, "Increase the scan angle", field="scan_half_angle_deg", value=math.degrees(half_angle))
-        )
+        text, degrees = "the sweep is narrower than half a beam", math.degrees(half_angle)
+        problems.append(Problem(text, "Increase the scan angle", field="scan_half_angle_deg", value=degrees))
     step = beta * max(1.0, smear)
     n_samples = max(int(2.0 * half_angle / step * (1.0 + 1e-9)), 1)
     # An odd number keeps one footprint at nadir.
@@ -313,10 +312,11 @@ def _measured_integral(path: str) -> FloatArray:
             rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
         table = np.array([[float(cell) for cell in row] for row in rows[1:]])
         header = [cell.strip() for cell in rows[0]]
-    except (OSError, ValueError, IndexError) as error:
+    except (OSError, ValueError, IndexError, csv.Error) as error:
         raise ConfigurationError(f"not a readable pattern: {error}", file=path, field="beam_file") from error
     wrong = header != ["angle_beamwidths", "gain"] or table.ndim != 2 or len(table) < 5
-    if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].sum() > 0.0:
+    wrong = wrong or not np.isfinite(table).all() or bool(np.abs(table[:, 0]).max() > _MOST_BEAMWIDTHS)
+    if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].any():
         text = "a pattern has columns angle_beamwidths (rising) and gain (>= 0), at least 5 rows"
         raise ConfigurationError(text, file=Path(path).name, field="beam_file")
     n = math.ceil(float(np.abs(table[:, 0]).max()) * BEAM_STEPS_A_WIDTH)

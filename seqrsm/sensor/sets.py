@@ -118,21 +118,21 @@ def _ghz(written: float | str) -> float | None:
         return BANDS[written]
     try:
         return float(written)
-    except ValueError:
+    except (TypeError, ValueError):
         return None
 
 
-def set_problem(written: float | str, members: Mapping[str, Values]) -> Problem | None:
-    """What makes a set of frequencies impossible, such as an unknown or doubled member; None: nothing."""
+def set_problems(written: float | str, members: Mapping[str, Values]) -> list[Problem]:
+    """What makes a set of frequencies impossible, such as an unknown or doubled member."""
     names = [part.strip() for part in str(written).split("+")]
     for name in names:
         if frequency_of(name, members) is None:
             known = ", ".join([*BANDS, *members])
             remedy = f"A member is a number of GHz, a band or a [simulator.members] of yours: {known}"
-            return Problem("no such member of a set", remedy, field="frequency", value=name)
+            return [Problem("no such member of a set", remedy, field="frequency", value=name)]
     if len(set(names)) < len(names):
-        return Problem("a member stands twice in the set", "Give it once", field="frequency", value=written)
-    return None
+        return [Problem("a member stands twice in the set", "Give it once", field="frequency", value=written)]
+    return []
 
 
 def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> tuple[Member, ...]:
@@ -157,9 +157,9 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
     if not isinstance(written, str) or (not own and "+" not in written):
         dates, plain, rest = _apart(_in_ghz(settings), _in_ghz(fixed))
         return (Member("", engine, plain, rest, dates),)
-    problem = set_problem(written, members)
-    if problem is not None:
-        raise ConfigurationError(problem)
+    problems = set_problems(written, members)
+    if problems:
+        raise ConfigurationError(*problems)
     return tuple(_member(part.strip(), engine, settings, fixed, members) for part in written.split("+"))
 
 

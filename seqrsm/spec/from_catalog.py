@@ -19,6 +19,7 @@ from seqrsm.catalog.search import words_of
 from seqrsm.catalog.start import Measure, StartLevels, StartRange, StartRanges, measure_of, start_ranges
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import UserError
+from seqrsm.plain import counted
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import known_heights
 from seqrsm.score.utilities import asked_for
@@ -37,6 +38,7 @@ DEPRESSION_DEG = (10.0, 85.0)
 _NAMED = "percent_correct by field"
 _ALTITUDES_M = (6000.0, 12000.0, 24000.0)
 _LEAST_RATIO = 1.5
+_HALF = 0.53  # of a scene's extent in range: from its middle to beyond its far end
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,27 +213,15 @@ class _Chosen:
 def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
     """Text of campaign.toml for what the catalogue says of some applications, over the template's site or another."""
     engine = engine_for(wanted)
-    limits = dict(_DEFAULTS[engine] if engine else _MEASURED)
-    if site is not None and engine:
-        limits["resolution"] = site.resolution(limits["resolution"], engine)
-    over = site or _TEMPLATE
-    half_scene_m = 0.53 * over.range_m  # with room at its ends
-    if engine == "psm":
-        usual, steepest = limits["depression_angle"], math.degrees(math.atan(_ALTITUDES_M[-1] / half_scene_m))
-        nadir = min(usual.limits[1], float(math.floor(steepest)))
-        why = f"an aircraft sees the scene at {usual.limits[0]:.0f} to {nadir:.0f} deg"
-        limits["depression_angle"] = replace(
-            usual, high=min(usual.high, nadir), limits=(usual.limits[0], nadir), why=why
-        )
     both = " and ".join(one.words for one in wanted)
-    name = both.replace(" ", "-")[:60].strip("-")
-    several = len(wanted) > 1
-    chosen = [
-        _joined([_choose(item, limits[key], one.words if several else "") for one in wanted for item in one.start.ranges
-                 if item.name == key])
-        for key in limits if any(item.name == key for one in wanted for item in one.start.ranges)
-    ]  # fmt: skip
-    by_name = {item.name: item for item in chosen}
+    chosen: dict[str, _Chosen] = {}
+    for name, default in _limits(engine, site).items():
+        found = [
+            _choose(item, default, one.words if len(wanted) > 1 else "")
+            for one in wanted for item in one.start.ranges if item.name == name
+        ]  # fmt: skip
+        if found:
+            chosen[name] = _joined(found)
     levels, level_comments = _levels([one.start.polarization for one in wanted]) if engine != "prm" else ((), ())
     terms = 10 + 4 * max(len(levels) - 1, 0)
     entries = {entry for one in wanted for entry in one.start.entries}
@@ -239,15 +229,15 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
     shown = " and ".join(f"`seqrsm catalog {one.words}`" for one in wanted)
     parts = [
         f"# Which {sensor} is best for {both}? Initial ranges and levels from RSL TR 380-1, Appendix A:\n"
-        f"# {len(entries)} {'entry' if len(entries) == 1 else 'entries'} in "
+        f"# {counted(len(entries), 'entry', 'entries')} in "
         f"{tables_text(entry.table for entry in entries)}, shown by {shown}.\n"
         "# Adjust them to your knowledge.",
-        f'[campaign]\nname = "{name}"\n'
+        f'[campaign]\nname = "{_name(both)}"\n'
         f'description = "One {sensor} for {both}, ranges from the catalogue"\nseed = 1979\nbatch = 4',
-        *(_factor_text(item) for item in chosen if item.low < item.high),
+        *(_factor_text(item) for item in chosen.values() if item.low < item.high),
         _polarization_text(levels, level_comments),
-        *(_application_text(one, engine, by_name) for one in wanted),
-        *_simulator_text(engine, chosen, by_name, levels, over, half_scene_m),
+        *(_application_text(one, engine, chosen) for one in wanted),
+        *_simulator_text(engine, chosen, levels, site or _TEMPLATE),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
         f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
@@ -255,8 +245,27 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
     return re.sub(r"\n\n(?=# .* held fixed:|\w+ = )", "\n", "\n\n".join(part for part in parts if part)) + "\n"
 
 
+def _limits(engine: str, site: Site | None) -> Mapping[str, _Default]:
+    """Usual ranges and limits by parameter, of an engine over the template's site or another; of measured scores."""
+    if not engine:
+        return _MEASURED
+    limits = dict(_DEFAULTS[engine])
+    if site is not None:
+        limits["resolution"] = site.resolution(limits["resolution"], engine)
+    if engine == "psm":
+        usual = limits["depression_angle"]
+        steepest = math.degrees(math.atan(_ALTITUDES_M[-1] / (_HALF * (site or _TEMPLATE).range_m)))
+        low, nadir = usual.limits[0], min(usual.limits[1], float(math.floor(steepest)))
+        why = f"an aircraft sees the scene at {low:.0f} to {nadir:.0f} deg"
+        limits["depression_angle"] = _Default(usual.low, min(usual.high, nadir), (low, nadir), why)
+    return limits
+
+
+def _name(words: str) -> str:
+    return words.replace(" ", "-")[:60].strip("-")
+
+
 def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -> str:
-    name = one.words.replace(" ", "-")[:60].strip("-")
     told = (
         asked_for(one.measure.utility).row.words
         if one.measure.utility
@@ -271,19 +280,12 @@ def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -
     of_kind = (one.start.system == "passive") == (engine == "prm")
     literature = f'catalog = "{one.words}"' if of_kind else ""
     return (
-        f'{told}\n[[application]]\nname = "{name}"\nutility = "{one.measure.utility or "measured"}"\n'
+        f'{told}\n[[application]]\nname = "{_name(one.words)}"\nutility = "{one.measure.utility or "measured"}"\n'
         f"{literature}{prior}"
     )
 
 
-def _simulator_text(
-    engine: str,
-    chosen: list[_Chosen],
-    by_name: Mapping[str, _Chosen],
-    levels: tuple[str, ...],
-    site: Site,
-    half_scene_m: float,
-) -> list[str]:
+def _simulator_text(engine: str, chosen: Mapping[str, _Chosen], levels: tuple[str, ...], site: Site) -> list[str]:
     """The tables of the simulator; none for measured scores."""
     if not engine:
         return []
@@ -297,7 +299,7 @@ def _simulator_text(
             f"altitude_m = {site.altitude_m}\nspeed_m_s = 60.0"
         )
         return [*parts, *_fixed_text(chosen, ("H+V", ""))]
-    altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"], half_scene_m)
+    altitude, bandwidth = _platform(chosen["resolution"], chosen["depression_angle"], _HALF * site.range_m)
     parts.append(
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
         f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\n"
@@ -326,17 +328,15 @@ def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
     """Cut a printed range to the limits; take the default where nothing usable is printed; ``words``: for what."""
     tables = f"{words}, {tables_text(item.tables)}" if words else tables_text(item.tables)
     low, high = default.limits
-    comments = []
-    if item.low is None or item.high is None:
-        comments.append(f"{tables}: no number is printed; a usual range")
-        return _Chosen(item.name, item.unit, item.scale, default.low, default.high, tuple(comments))
-    comments.append(f"{tables}: {_ends(item.low, item.high)} {item.unit}{_prior(item)}")
-    comments += item.notes
-    first, last = max(item.low, low), min(item.high, high)
+    if item.ends is None:
+        usual = f"{tables}: no number is printed; a usual range"
+        return _Chosen(item.name, item.unit, item.scale, default.low, default.high, (usual,))
+    comments = [f"{tables}: {_ends(*item.ends)} {item.unit}{_prior(item)}", *item.notes]
+    first, last = max(item.ends[0], low), min(item.ends[1], high)
     if first > last:
         comments.append(f"not attainable here, {default.why}: the full range instead")
         return _Chosen(item.name, item.unit, item.scale, low, high, tuple(comments))
-    if (first, last) != (item.low, item.high):
+    if (first, last) != item.ends:
         comments.append(f"cut: {default.why}")
     if last < first * _LEAST_RATIO and item.scale == "log" and first != last:
         middle = math.sqrt(first * last)
@@ -349,8 +349,8 @@ def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
 def _prior(item: StartRange) -> str:
     """Where most sources see the optimum."""
     parts = []
-    if item.agreed_low is not None and item.agreed_high is not None and item.n_agreeing > 1:
-        parts.append(f"most agree on {_ends(item.agreed_low, item.agreed_high)}")
+    if item.agreed is not None and item.n_agreeing > 1:
+        parts.append(f"most agree on {_ends(*item.agreed)}")
     if item.best is not None:
         parts.append(f"best {item.best:.4g}")
     return f" ({'; '.join(parts)})" if parts else ""
@@ -362,9 +362,8 @@ def _knowledge_text(ranges: Iterable[StartRange], chosen: Mapping[str, _Chosen])
     for item in ranges:
         factor = chosen[item.name]
         value = item.best
-        if value is None and item.agreed_low is not None and item.agreed_high is not None and item.n_agreeing > 1:
-            middle = 0.5 * (item.agreed_low + item.agreed_high)
-            value = math.sqrt(item.agreed_low * item.agreed_high) if item.scale == "log" else middle
+        if value is None and item.agreed is not None and item.n_agreeing > 1:
+            value = math.sqrt(math.prod(item.agreed)) if item.scale == "log" else 0.5 * sum(item.agreed)
         if value is not None and factor.low < factor.high and factor.low <= value <= factor.high:
             expected.append(f"{item.name} = {float(f'{value:.3g}')!r}")
     if not expected:
@@ -423,11 +422,11 @@ def _polarization_text(levels: tuple[str, ...], comments: tuple[str, ...]) -> st
     return f'{_comment(comments)}[[factor]]\nname = "polarization"\nlevels = [{listed}]'
 
 
-def _fixed_text(chosen: list[_Chosen], levels: tuple[str, ...]) -> list[str]:
+def _fixed_text(chosen: Mapping[str, _Chosen], levels: tuple[str, ...]) -> list[str]:
     """Parameters for which one value only is printed."""
     fixed = [
         f"{_comment((*item.comments, f'{item.name} [{item.unit}] held fixed:'))}{item.name} = {item.low!r}"
-        for item in chosen
+        for item in chosen.values()
         if item.low >= item.high
     ]
     if len(levels) == 1:

@@ -81,7 +81,7 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Literal, TypeVar
@@ -114,7 +114,6 @@ from seqrsm.spec.toml_lines import key_lines
 
 SPEC_NAME = "campaign.toml"
 MAX_BYTES = 1_000_000
-
 
 SINGLE: Mapping[str, type[Table]] = {
     "campaign": CampaignTable,
@@ -245,9 +244,8 @@ def load_spec(location: FilePath | str) -> CampaignSpec:
 
 def _read_text(path: FilePath) -> str:
     if not path.is_file():
-        raise SpecError(
-            "there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path)
-        )
+        remedy = "Make a campaign with: seqrsm init DIR --template NAME"
+        raise SpecError("there is no such file", remedy, file=str(path))
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -257,10 +255,8 @@ def _read_text(path: FilePath) -> str:
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise SpecError(
-            "the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line
-        ) from None
+        line, remedy = data.count(b"\n", 0, error.start) + 1, "Save it as UTF-8 in your editor."
+        raise SpecError("the file is not UTF-8 text", remedy, file=str(path), line=line) from None
 
 
 def _parse(path: FilePath, text: str) -> dict[str, Any]:
@@ -287,7 +283,7 @@ def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report
 
 
 def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Every table that is right in itself; the others are reported."""
+    """Every table that is right in itself; the others are None, and reported."""
     known = (*SINGLE, *REPEATED)
     for key in raw:
         if key not in known:
@@ -317,13 +313,38 @@ def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], d
 
 def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> CampaignSpec | None:
     single, repeated = _tables(raw, report)
-    simulator: SimulatorSpec | None = single.get("simulator")
-    applications = repeated["application"]
-    tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
+    region = _checked(folder, raw, single, repeated, report)
+    if report.problems or region is None:
+        return None
+    return CampaignSpec(
+        **single["campaign"].model_dump(),
+        folder=folder,
+        region=region,
+        applications=tuple(repeated["application"]),
+        model=single["model"],
+        simulator=single.get("simulator"),
+        cost=single["cost"],
+        stop=single["stop"],
+        considerations=tuple(repeated["consideration"]),
+        candidates=tuple(repeated["candidate"]),
+        store_url=single["store"].url,
+        spec_hash=_content_hash(single, repeated, region),
+    )
+
+
+def _checked(
+    folder: FilePath,
+    raw: Mapping[str, Any],
+    single: Mapping[str, Any],
+    repeated: Mapping[str, Sequence[Any]],
+    report: Reporter,
+) -> Region | None:
+    """The region, and a report of everything in which tables do not fit each other."""
+    applications, considerations = repeated["application"], repeated["consideration"]
     sensors = spec_sensors.sensors(raw.get("simulator"))
     written = raw["factor"] if isinstance(raw.get("factor"), list) else []
-    factors = spec_sensors.factors(tables, written, sensors, report)
-    constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
+    factors = spec_sensors.factors([t and t.model_dump() for t in repeated["factor"]], written, sensors, report)
+    constraints = spec_checks.constraints([t and t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
     names = [name for path, name in report.names.items() if path[0] == "factor"]
@@ -334,50 +355,28 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     spec_checks.targets(applications, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)
-    spec_checks.desirabilities("consideration", repeated["consideration"], report)
-    texts = [None if table is None else table.expr for table in repeated["consideration"]]
+    spec_checks.desirabilities("consideration", considerations, report)
     known = [factor for factor in factors if factor is not None]
     if len(known) == len(factors):
-        spec_checks.expressions(texts, known, report)
+        spec_checks.expressions([t and t.expr for t in considerations], known, report)
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)
     spec_sensors.candidates(repeated["candidate"], sensors, names, report)
-    region = spec_checks.region(factors, constraints, report) if factors else None
-    if report.problems or region is None:
-        return None
-    campaign, model, cost, stop = (single[key] for key in ("campaign", "model", "cost", "stop"))
+    return spec_checks.region(factors, constraints, report) if factors else None
+
+
+def _content_hash(single: Mapping[str, Table], repeated: Mapping[str, Sequence[Table]], region: Region) -> str:
+    """See `CampaignSpec.spec_hash`."""
     content: dict[str, object] = {
-        "campaign": campaign.model_dump(exclude_defaults=True),
         "factors": [repr(factor) for factor in region.factors],
         "constraints": [constraint.expr for constraint in region.constraints],
-        "applications": [application.model_dump(exclude_defaults=True) for application in applications],
-        "considerations": [table.model_dump(exclude_defaults=True) for table in repeated["consideration"]],
-        "model": model.model_dump(exclude_defaults=True),
-        "simulator": None if simulator is None else simulator.model_dump(exclude_defaults=True),
-        "cost": cost.model_dump(exclude_defaults=True),
-        "stop": stop.model_dump(exclude_defaults=True),
+        "simulator": None,
     }
-    return CampaignSpec(
-        folder=folder,
-        name=campaign.name,
-        description=campaign.description,
-        author=campaign.author,
-        date=campaign.date,
-        seed=campaign.seed,
-        batch=campaign.batch,
-        region=region,
-        applications=tuple(table for table in applications if table is not None),
-        model=model,
-        simulator=simulator,
-        cost=cost,
-        stop=stop,
-        considerations=tuple(table for table in repeated["consideration"] if table is not None),
-        candidates=tuple(table for table in repeated["candidate"] if table is not None),
-        attempts=campaign.attempts,
-        store_url=single["store"].url,
-        spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
-    )
+    content |= {key: table.model_dump(exclude_defaults=True) for key, table in single.items() if key != "store"}
+    for key in ("application", "consideration"):
+        content[f"{key}s"] = [table.model_dump(exclude_defaults=True) for table in repeated[key]]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:

@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.errors import RegionError
 from seqrsm.sensor.named import nearest_names, sensors_called
 from seqrsm.sensor.parameters import Parameter
-from seqrsm.sensor.sets import SENSORS, set_problem
+from seqrsm.sensor.sets import SENSORS, set_problems
 from seqrsm.spec.faults import Reporter
 from seqrsm.spec.tables import CandidateSpec
 from seqrsm.spec.toml_lines import Path
@@ -87,35 +87,41 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
     if instruments.engine is None:
         return
     fixed = fixed if isinstance(fixed, dict) else {}
-    factors = [f for f in written if isinstance(f, dict) and isinstance(f.get("name"), str)]
-    levels = (f.get("levels") for f in factors if f["name"] == "frequency")
+    factors = {i: f for i, f in enumerate(written) if isinstance(f, dict) and isinstance(f.get("name"), str)}
+    levels = [f.get("levels") for f in factors.values() if f["name"] == "frequency"]
     sets = [level for own in levels if isinstance(own, list) for level in own]
     sets += [fixed["frequency"]] if isinstance(fixed.get("frequency"), str) else []
     known = {part.strip() for level in sets for part in str(level).split("+")}
-    path: Path
     for name, own in instruments.members.items():
-        path = ("simulator", "members", name)
-        if name not in known:
-            remedy = 'Name it in the levels of the factor frequency, or in [simulator.fixed] frequency, as in "L+C".'
-            report.add(path, "no set has this member", remedy, name)
-        engine = str(own.get("engine", instruments.engine))
-        if engine not in SENSORS:
-            report.add((*path, "engine"), "there is no such engine", f"Known: {', '.join(SENSORS)}.", engine)
-            continue
-        for key in own:
-            if key != "engine" and key not in SENSORS[engine]:
-                remedy = _meant(key, SENSORS[engine], engine)
-                report.add((*path, key), f"the engine '{engine}' has no such sensor parameter", remedy, key)
-    places: list[tuple[Path, str]] = [(("factor", i, "name"), f["name"]) for i, f in enumerate(factors)]
-    for path, name in (*places, *((("simulator", "fixed", key), key) for key in fixed)):
+        _check_member(name, own, known, instruments.engine, report)
+    names: dict[Path, str] = {("factor", i, "name"): f["name"] for i, f in factors.items()}
+    names |= {("simulator", "fixed", key): key for key in fixed}
+    for path, name in names.items():
         member, dot, own_name = name.rpartition(".")
+        table = instruments.table(member)
         if dot and member not in known:
             remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency be a set, as in "L+C".'
             report.add(path, f"'{member}' is no member of a set", remedy, name)
-        elif path[0] == "simulator" and (dot or sets) and own_name not in instruments.table(member):
+        elif path[0] == "simulator" and (dot or known) and own_name not in table:
             who = f"the member '{member}' has no" if dot else "no sensor of the set has"
-            remedy = _meant(own_name, instruments.table(member), instruments.engine, f"{member}{dot}")
+            remedy = _meant(own_name, table, instruments.engine, member + dot)
             report.add(path, f"{who} such sensor parameter", remedy, name)
+
+
+def _check_member(name: str, own: Mapping[str, Any], known: set[str], engine: str, report: Reporter) -> None:
+    """A set names the member, and its sensor has the parameters; ``engine``: where its table names none."""
+    path: Path = ("simulator", "members", name)
+    if name not in known:
+        remedy = 'Name it in the levels of the factor frequency, or in [simulator.fixed] frequency, as in "L+C".'
+        report.add(path, "no set has this member", remedy, name)
+    engine = str(own.get("engine", engine))
+    if engine not in SENSORS:
+        report.add((*path, "engine"), "there is no such engine", f"Known: {', '.join(SENSORS)}.", engine)
+        return
+    for key in own:
+        if key not in ("engine", *SENSORS[engine]):
+            remedy = _meant(key, SENSORS[engine], engine)
+            report.add((*path, key), f"the engine '{engine}' has no such sensor parameter", remedy, key)
 
 
 def _meant(name: str, table: Mapping[str, Parameter], engine: str, before: str = "") -> str:
@@ -147,10 +153,13 @@ def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors,
         report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
 
 
-def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, report: Reporter) -> None:
-    """Every end, value or level of a factor is one that the sensor can take."""
+def _check_levels(
+    path: Path, table: Mapping[str, Any], parameter: Parameter, instruments: Sensors, report: Reporter
+) -> None:
+    """Every end, value or level is one that the sensor can take; levels of the frequency are sets of sensors."""
+    of_sensors = table["name"] == "frequency" and table["levels"] is not None
     forms = {"levels": "levels"}
-    if parameter.numeric:
+    if parameter.numeric and not of_sensors:
         forms = {"low": "low and high", "values": "values"} if parameter.continuous else {"values": "values"}
     if all(table[key] is None for key in forms):
         needed = ", or ".join(forms.values())
@@ -159,27 +168,15 @@ def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, re
     given: list[tuple[Path, Any]] = [((*path, key), table[key]) for key in ("low", "high") if table[key] is not None]
     for key in ("values", "levels"):
         given += [((*path, key, index), value) for index, value in enumerate(table[key] or ())]
+    parts = "sensors" if of_sensors else parameter.kind
     seen: dict[frozenset[str], str] = {}
     for place, value in given:
-        for problem in parameter.level_problems(value):
+        for problem in set_problems(value, instruments.members) if of_sensors else parameter.level_problems(value):
             report.add(place, problem.message, f"{problem.remedy}.", value)
-        if parameter.kind == "channels":
+        if parts in ("sensors", "channels"):
             same = seen.setdefault(frozenset(value.split("+")), value)
             if same != value:
-                report.add(place, f"this is the same set of channels as '{same}'", "Drop one.", value)
-
-
-def _check_sets(path: Path, levels: Sequence[str], instruments: Sensors, report: Reporter) -> None:
-    """Every level of the factor frequency is a set of sensors, and no two are the same."""
-    seen: dict[frozenset[str], str] = {}
-    for index, level in enumerate(levels):
-        place = (*path, "levels", index)
-        problem = set_problem(level, instruments.members)
-        if problem is not None:
-            report.add(place, problem.message, f"{problem.remedy}.", level)
-        same = seen.setdefault(frozenset(level.split("+")), level)
-        if same != level:
-            report.add(place, f"this is the same set of sensors as '{same}'", "Drop one.", level)
+                report.add(place, f"this is the same set of {parts} as '{same}'", "Drop one.", value)
 
 
 def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, report: Reporter) -> Factor | None:
@@ -187,33 +184,31 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
     parameter = instruments.parameter(name)
     unit = table["unit"] or ("" if parameter is None else parameter.unit)
     given = [key for key in ("low", "high", "values", "levels") if table[key] is not None]
-    if given not in (["low", "high"], ["values"], ["levels"]):
-        said = " and ".join(given) or "none of them"
-        remedy = "Give low and high, or values, or levels."
-        report.add(path, f"a factor has either low and high, or values, or levels; here: {said}", remedy)
-        return None
     factor: Factor
     try:
-        if given == ["levels"]:
-            for key in ("unit", "scale"):
-                if (*path, key) in report.lines:
-                    report.add((*path, key), f"a factor with levels has no {key}", "Leave it out.", table[key])
-            factor = CategoricalFactor(name, tuple(table["levels"]))
-        elif given == ["values"]:
-            factor = DiscreteFactor(name, tuple(table["values"]), unit, scale)
-        else:
-            factor = ContinuousFactor(name, table["low"], table["high"], unit, scale)
+        match given:
+            case ["levels"]:
+                for key in ("unit", "scale"):
+                    if (*path, key) in report.lines:
+                        report.add((*path, key), f"a factor with levels has no {key}", "Leave it out.", table[key])
+                factor = CategoricalFactor(name, tuple(table["levels"]))
+            case ["values"]:
+                factor = DiscreteFactor(name, tuple(table["values"]), unit, scale)
+            case ["low", "high"]:
+                factor = ContinuousFactor(name, table["low"], table["high"], unit, scale)
+            case _:
+                said = " and ".join(given) or "none of them"
+                message = f"a factor has either low and high, or values, or levels; here: {said}"
+                report.add(path, message, "Give low and high, or values, or levels.")
+                return None
     except RegionError as error:
         for problem in error.problems:
             last = (problem.field or "").rpartition(".")[2]
             key = last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
             report.add((*path, key), problem.message, problem.remedy, problem.value)
         return None
-    if parameter is not None and not parameter.why_fixed:
-        if instruments.engine is not None and name == "frequency" and table["levels"] is not None:
-            _check_sets(path, table["levels"], instruments, report)
-        elif instruments.engine is not None:
-            _check_levels(path, table, parameter, report)
+    if instruments.engine is not None and parameter is not None and not parameter.why_fixed:
+        _check_levels(path, table, parameter, instruments, report)
     return factor
 
 

@@ -298,9 +298,14 @@ def test_measured_pattern_is_the_formula_it_was_measured_from(tmp_path):
     path.write_text(f"# made\nangle_beamwidths,gain\n{rows}\n")
     measured = beam_integral(radiometer(beam="measured", beam_file=str(path)))
     np.testing.assert_allclose(measured, beam_integral(radiometer()), atol=1e-4)
-    path.write_text("angle,gain\n0,1\n")
-    with pytest.raises(ConfigurationError, match="angle_beamwidths"):
-        beam_integral(radiometer(beam="measured", beam_file=str(path)))
+    unclosed = '"' + "0,1\n" * 50_000
+    for text in (
+        "angle,gain\n0,1",
+        *(f"angle_beamwidths,gain\n{rows}\n{x}" for x in ("nan,1", "inf,1", "1e9,1", "2,inf", unclosed)),
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigurationError, match=r"angle_beamwidths|field larger"):
+            beam_integral(radiometer(beam="measured", beam_file=str(path)))
     with pytest.raises(ConfigurationError, match="not a readable pattern"):
         beam_integral(radiometer(beam="measured", beam_file=str(tmp_path / "none.csv")))
 

@@ -22,32 +22,32 @@ def test_soil_moisture_read_by_hand() -> None:
     ranges = by_name("soil moisture")
     frequency, resolution, angle = ranges["frequency"], ranges["resolution"], ranges["depression_angle"]
     # 1-100 cm of A.16 reaches furthest on both sides; bands S and C of A.9, A.10 and every wavelength overlap at 6-8 cm
-    assert (frequency.low, frequency.high) == pytest.approx((C_CM_GHZ / 100.0, C_CM_GHZ / 1.0))
-    assert (frequency.agreed_low, frequency.agreed_high) == pytest.approx((3.9, C_CM_GHZ / 6.0))
+    assert frequency.ends == pytest.approx((C_CM_GHZ / 100.0, C_CM_GHZ / 1.0))
+    assert frequency.agreed == pytest.approx((3.9, C_CM_GHZ / 6.0))
     assert frequency.tables == ("A.9", "A.10", "A.16", "A.17")
     # < 10, 50-100, 100-250; 30-100, 90-200, 30-90: most cover 50 to 90 and 90 to 100
-    assert (resolution.low, resolution.high) == (10.0, 250.0)
-    assert (resolution.agreed_low, resolution.agreed_high, resolution.n_agreeing) == (50.0, 100.0, 3)
+    assert resolution.ends == (10.0, 250.0)
+    assert (resolution.agreed, resolution.n_agreeing) == ((50.0, 100.0), 3)
     assert any("no low end" in note for note in resolution.notes)
     # nadir 0-40 and 7-17
-    assert (angle.low, angle.high, angle.agreed_low, angle.agreed_high) == (50.0, 90.0, 73.0, 83.0)
+    assert (angle.ends, angle.agreed) == ((50.0, 90.0), (73.0, 83.0))
     assert start_ranges("soil moisture").polarization.levels == ("HH", "HV", "HH+HV")
 
 
 def test_best_angle_and_single_values_of_crop_classification() -> None:
     ranges = by_name("crop classification corn")
-    assert (ranges["frequency"].low, ranges["frequency"].high) == (9.0, 14.2)
+    assert ranges["frequency"].ends == (9.0, 14.2)
     assert ranges["depression_angle"].best == 40.0
-    assert (ranges["depression_angle"].low, ranges["depression_angle"].high) == (40.0, 50.0)
+    assert ranges["depression_angle"].ends == (40.0, 50.0)
     assert start_ranges("corn").polarization.levels == ("HH", "VV", "HH+VV")
 
 
 def test_open_sides_are_closed_at_the_edge_of_the_tables_and_said() -> None:
     kelp = by_name("kelp")
-    assert (kelp["frequency"].low, kelp["frequency"].high) == (12.0, 36.0)
-    assert (kelp["depression_angle"].low, kelp["depression_angle"].high) == (10.0, 60.0)
+    assert kelp["frequency"].ends == (12.0, 36.0)
+    assert kelp["depression_angle"].ends == (10.0, 60.0)
     assert "Table A.12" in kelp["frequency"].notes[0]
-    assert (by_name("tree counts")["resolution"].low, by_name("tree counts")["resolution"].high) == (0.5, 10.0)
+    assert by_name("tree counts")["resolution"].ends == (0.5, 10.0)
 
 
 def test_the_edges_stand_in_the_tables() -> None:
@@ -64,22 +64,22 @@ def test_the_edges_stand_in_the_tables() -> None:
 def test_radiometer() -> None:
     ranges = by_name("sea surface temperature", "passive")
     assert set(ranges) == {"frequency", "resolution"}
-    assert (ranges["frequency"].low, ranges["frequency"].high) == (1.5, 36.0)
-    assert (ranges["resolution"].low, ranges["resolution"].high) == (15e3, 23e3)
+    assert ranges["frequency"].ends == (1.5, 36.0)
+    assert ranges["resolution"].ends == (15e3, 23e3)
     assert start_ranges("sea surface temperature", system="passive").polarization.levels == ()
 
 
 def test_nothing_printed_is_nothing() -> None:
     currents = by_name("currents")
-    assert (currents["frequency"].low, currents["frequency"].high) == (None, None)
+    assert currents["frequency"].ends is None
     assert currents["frequency"].sources[0].printed == "To be Determined"
     assert currents["resolution"].notes == ("no number is printed",)
 
 
 def test_sources_that_do_not_agree_have_no_agreed_part() -> None:
     resolution = by_name("hurricane damage")["resolution"]
-    assert (resolution.low, resolution.high) == (10.0, 100.0)
-    assert (resolution.agreed_low, resolution.agreed_high) == (None, None)
+    assert resolution.ends == (10.0, 100.0)
+    assert resolution.agreed is None
     assert "no two sources agree" in resolution.notes
 
 
@@ -94,15 +94,16 @@ def test_numbers_come_from_the_sources_they_name(entry: object) -> None:
             assert factor.name not in sensor or sensor[factor.name].unit == factor.unit
         assert factor.name in (RADAR if entry.system == "active" else RADIOMETER)  # type: ignore[attr-defined]
         assert factor.scale == ("linear" if factor.unit == "deg" else "log")
-        if factor.low is None or factor.high is None:
+        if factor.ends is None:
             assert not any(source.ranges for source in factor.sources)
             continue
         ends = {end for s in factor.sources for r in s.ranges for end in (r.low, r.high)}
         closed = any("not printed" in note for note in factor.notes)
-        assert closed or {factor.low, factor.high} <= ends
-        assert 0.0 <= factor.low <= factor.high
-        if factor.agreed_low is not None and factor.agreed_high is not None:
-            assert factor.low <= factor.agreed_low <= factor.agreed_high <= factor.high
+        assert closed or set(factor.ends) <= ends
+        low, high = factor.ends
+        assert 0.0 <= low <= high
+        if factor.agreed is not None:
+            assert low <= factor.agreed[0] <= factor.agreed[1] <= high
     if start.polarization.levels:
         assert all(set(level.split("+")) <= {"HH", "HV", "VV"} for level in start.polarization.levels)
 

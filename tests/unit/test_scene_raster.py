@@ -139,7 +139,11 @@ def test_codes_without_a_category_and_bad_legends(files, tmp_path):
     files["cover"] = write(tmp_path / "x.tif", np.full((60, 60), 7, np.uint8), 5.0)
     with pytest.raises(SceneError, match=r"3600 cells of a code the legend lacks.*7"):
         import_scene(**files)
-    for text, words in (("a,b\n1,2\n", "column"), ("code,category\nx,Wheat\n1,A\n1,B\n", "whole number.*\n.*twice")):
+    for text, words in (
+        ("a,b\n1,2\n", "column"),
+        ("code,category\nx,Wheat\n1,A\n1,B\n", "whole number.*\n.*twice"),
+        ('code,category\n1,"Wheat' + "\n2,Grass" * 20_000, "cannot read the legend: field larger"),
+    ):
         files["legend"].write_text(text, encoding="utf-8")
         with pytest.raises(SceneError, match=words):
             import_scene(**files)

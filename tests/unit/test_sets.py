@@ -152,6 +152,7 @@ half_width = 3.0
         ("resolution", "[simulator.members.S]\nlooks = 4", "no set has this member"),
         ("resolution", "[simulator.members.C]\nlocks = 4", "Did you mean 'looks'"),
         ("resolution", '[simulator.members.C]\nengine = "lidar"', "there is no such engine"),
+        ("resolution", "[simulator.members.C]\nfrequency = [5.4]", r"members\.C\.frequency: a number is expected"),
         ("resolution", '"C.locks" = 4', "'C' has no such sensor parameter"),
         ("resolution", "heading_dge = 4", "no sensor of the set has such.*Did you mean 'heading_deg'"),
         ("C.frequency", "", "identifies the member"),
@@ -166,3 +167,16 @@ def test_what_a_file_says_of_a_set(tmp_path, factor, more, words) -> None:
     with pytest.raises(SpecError, match=words) as told:
         load_spec(tmp_path)
     assert told.value.problems[0].line
+
+
+def test_a_factor_below_one_without_a_name_keeps_its_line(tmp_path) -> None:
+    (tmp_path / "s.npz").write_bytes(b"")
+    text = TOML.format(factor="X.resolution", more="").replace('name = "frequency"\n', "")
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError) as told:
+        load_spec(tmp_path)
+    (problem,) = [one for one in told.value.problems if "no member of a set" in one.message]
+    assert (problem.line, problem.field) == (
+        text.splitlines().index('name = "X.resolution"') + 1,
+        "factor 'X.resolution': name",
+    )

@@ -15,7 +15,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog.rendering import summary
 from seqrsm.catalog.search import search, words_of
 from seqrsm.catalog.start import StartLevels, StartRange, StartRanges, start_ranges
-from seqrsm.design.factors import CategoricalFactor, Factor, span
+from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Paragraph, Section, table
 from seqrsm.report.rounding import NOTHING, format_plain
@@ -133,62 +133,51 @@ def _compare_range(spec: CampaignSpec, analysis: Analysis, item: StartRange) -> 
     factor = next((f for f in analysis.region.factors if f.name == item.name), None)
     if isinstance(factor, CategoricalFactor):
         return None
-    tables = ", ".join(item.tables)
-    printed = NOTHING if item.low is None or item.high is None else _ends(item.low, item.high, item.unit)
-    agreed = (
-        NOTHING if item.agreed_low is None or item.agreed_high is None
-        else _ends(item.agreed_low, item.agreed_high, item.unit)
-    )  # fmt: skip
-    found, value, low, high = _found(spec, analysis, item, factor)
-    if not found:
-        return None
-    if item.low is None or item.high is None:
-        verdict, why = "nothing printed", "the tables print no number"
-    elif math.isnan(value):
-        verdict, why = "not comparable", "in another unit"
-    elif item.low <= value <= item.high:
-        inside = item.agreed_low is not None and item.agreed_high is not None
-        most = inside and item.n_agreeing > 1 and item.agreed_low <= value <= item.agreed_high  # type: ignore[operator]
-        verdict, why = "agrees", "within the range most sources share" if most else "within the printed range"
-    elif low <= item.high and high >= item.low:
-        verdict, why = "not excluded", "the credible interval overlaps the printed range"
-    elif factor is not None and _apart(item, factor):
-        verdict, why = "not comparable", "the campaign's region lies outside the printed range"
-    else:
-        verdict, why = "differs", "outside the printed range" + ("" if factor is not None else ", held fixed")
-    return Comparison(item.name, printed, tables, agreed, found, verdict, why)
-
-
-def _found(
-    spec: CampaignSpec, analysis: Analysis, item: StartRange, factor: Factor | None
-) -> tuple[str, float, float, float]:
-    """What the campaign says: text, and value with the ends of its credible interval in the table's unit."""
     if factor is None:
         fixed = _fixed(spec, item.name)
         if fixed is None or isinstance(fixed, str):
-            return "", math.nan, math.nan, math.nan
-        return f"{with_unit(format_plain(fixed), item.unit)}, held fixed", fixed, fixed, fixed
-    assert not isinstance(factor, CategoricalFactor)
-    text = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
-    posterior = setting_posterior(analysis, factor)
-    best = float(analysis.optimum.settings[factor.name])
-    scale = unit_factor(factor.unit or item.unit, item.unit)
-    if scale is None:
-        return text, math.nan, math.nan, math.nan
-    return text, scale * best, scale * posterior.low, scale * posterior.high
+            return None
+        found = f"{with_unit(format_plain(fixed), item.unit)}, held fixed"
+        verdict, why = _verdict(item, fixed, (fixed, fixed))
+    else:
+        found = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
+        scale = unit_factor(factor.unit or item.unit, item.unit) or math.nan
+        posterior, (low, high) = setting_posterior(analysis, factor), span(factor)
+        credible = (scale * posterior.low, scale * posterior.high)
+        best = scale * float(analysis.optimum.settings[factor.name])
+        verdict, why = _verdict(item, best, credible, (scale * low, scale * high))
+    printed, agreed = (NOTHING if ends is None else _ends(*ends, item.unit) for ends in (item.ends, item.agreed))
+    return Comparison(item.name, printed, ", ".join(item.tables), agreed, found, verdict, why)
+
+
+def _verdict(
+    item: StartRange, value: float, credible: tuple[float, float], region: tuple[float, float] | None = None
+) -> tuple[str, str]:
+    """Verdict and reason on a setting, all in the table's unit; without a region it is held fixed."""
+    if item.ends is None:
+        return "nothing printed", "the tables print no number"
+    if math.isnan(value):
+        return "not comparable", "in another unit"
+    if _overlap((value, value), item.ends):
+        most = item.agreed is not None and item.n_agreeing > 1 and _overlap((value, value), item.agreed)
+        return "agrees", "within the range most sources share" if most else "within the printed range"
+    if _overlap(credible, item.ends):
+        return "not excluded", "the credible interval overlaps the printed range"
+    if region is None:
+        return "differs", "outside the printed range, held fixed"
+    if not _overlap(region, item.ends):
+        return "not comparable", "the campaign's region lies outside the printed range"
+    return "differs", "outside the printed range"
+
+
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return one[0] <= other[1] and one[1] >= other[0]
 
 
 def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
     """Value of a parameter that the campaign holds fixed, by its name or its field's; None where it does not."""
     given = {} if spec.simulator is None else spec.simulator.fixed
     return given.get(name, given.get((RADAR.get(name) or RADIOMETER[name]).field))
-
-
-def _apart(item: StartRange, factor: Factor) -> bool:
-    assert not isinstance(factor, CategoricalFactor)
-    scale = unit_factor(factor.unit or item.unit, item.unit) or math.nan
-    low, high = (scale * x for x in span(factor))
-    return item.low is not None and item.high is not None and (high < item.low or low > item.high)
 
 
 def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -> Comparison | None:

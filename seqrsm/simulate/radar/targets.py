@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -74,7 +74,16 @@ class CulturalTarget:
         return float(peak * 2.0 ** -((2.0 * away / self.lobe_deg) ** 2))
 
 
-_COLUMNS = ("row", "column", "cross_section_dbm2", "height_m", "directions_deg", "lobe_deg")
+def _directions(words: str) -> tuple[float, ...]:
+    return tuple(float(word) for word in words.replace(";", " ").split())
+
+
+_REQUIRED: Final[Mapping[str, Callable[[str], Any]]] = {"row": int, "column": int, "cross_section_dbm2": float}
+_OPTIONAL: Final[Mapping[str, Callable[[str], Any]]] = {
+    "height_m": float,
+    "directions_deg": _directions,
+    "lobe_deg": float,
+}
 
 
 def load_targets(path: str) -> tuple[CulturalTarget, ...]:
@@ -98,32 +107,23 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
         text = f"the cultural targets cannot be read: {getattr(error, 'strerror', None) or error}"
         raise SceneError(text, "Give a CSV file", file=path, field="targets_file") from error
     header = [word.strip() for word in lines[0]] if lines else []
-    unknown = [word for word in header if word not in _COLUMNS]
-    missing = [word for word in _COLUMNS[:3] if word not in header]
-    if unknown or missing or len(set(header)) < len(header):
+    read = {**_REQUIRED, **_OPTIONAL}
+    if not _REQUIRED.keys() <= set(header) <= read.keys() or len(set(header)) < len(header):
         text = "its columns are not those of cultural targets" if header else "the file is empty"
-        remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
+        remedy = f"Give {', '.join(_REQUIRED)}, and where needed {', '.join(_OPTIONAL)}"
         raise SceneError(text, remedy, file=name, line=1)
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
     for number, line in enumerate(lines[1:], start=2):
-        if not any(word.strip() for word in line):
+        words = [word.strip() for word in line]
+        if not any(words):
             continue
-        given = {key: word.strip() for key, word in zip(header, line, strict=False) if word.strip()}
         try:
-            if len(line) > len(header):
+            if len(words) > len(header):
                 raise ValueError
-            targets.append(
-                CulturalTarget(
-                    int(given["row"]),
-                    int(given["column"]),
-                    float(given["cross_section_dbm2"]),
-                    float(given.get("height_m", 0.0)),
-                    tuple(float(word) for word in given.get("directions_deg", "").replace(";", " ").split()),
-                    float(given.get("lobe_deg", 10.0)),
-                )
-            )
-        except (KeyError, ValueError):
+            given = {key: read[key](word) for key, word in zip(header, words, strict=False) if word}
+            targets.append(CulturalTarget(**given))
+        except (TypeError, ValueError):  # a number that is none, or that is not given
             remedy = (
                 "Give whole numbers for row and column, numbers for the rest, several directions with spaces between"
             )
