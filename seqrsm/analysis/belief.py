@@ -19,7 +19,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import where_reached
 from seqrsm.fit.error_models import Draws, ErrorModel
 from seqrsm.fit.intervals import Interval as Ends
-from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.intervals import Prediction, t_quantile
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import RADII, climb, cloud_of
@@ -161,16 +161,17 @@ class Belief:
         noise = process.noise_variance[:, None] / (weight * replicates)
         df = self.surface.df_residual
 
-        def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
-            sd = np.sqrt(variances + added)
+        def mixed(own: Ends, added: FloatArray | float) -> Ends:
+            # A surface whose intervals are mixtures keeps them: with few flights Student's are twice as wide.
+            se, sd = 0.5 * (own.high - own.low) / t_quantile(df, level), np.sqrt(variances + added)
             tails = (0.5 * (1.0 - level), 0.5 * (1.0 + level))
             return Ends(*(_mixture_quantile(tail, df, of_quadratic.mean, se, means, sd, share) for tail in tails))
 
         return replace(
             of_quadratic,
             mean=(1.0 - share) * of_quadratic.mean + share * means.mean(axis=0),
-            confidence=mixed(of_quadratic.se_mean, 0.0),
-            prediction=mixed(of_quadratic.se_prediction, noise),
+            confidence=mixed(of_quadratic.confidence, 0.0),
+            prediction=mixed(of_quadratic.prediction, noise),
         )
 
     def scatter(self, point: FloatArray) -> tuple[float, float]:

@@ -82,6 +82,19 @@ def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     assert belief.best(narrow.of_quadratic, narrow.data.points, rng) is narrow.of_quadratic
 
 
+def test_beside_three_flights_an_improbable_process_leaves_intervals_as_they_are(tmp_path: Path) -> None:
+    """They were 1.5 times as wide: flights' own scatter was taken for all that is not known of their mean."""
+    points = np.round(spread(33, 2), 3)
+    scores = hill(points) + NOISE[:33] - 2.0 * (np.arange(33) >= 30)
+    source = ["simulation"] * 30 + ["flight"] * 3
+    text = specification(numeric(2), rest="[model]\ndiscrepancy_sd = 2.0\n")
+    analysis = analysed(tmp_path / "c", text, points, scores, source=source)
+    belief, surface = believed(analysis, 1e-9), analysis.fitted.surface
+    for m in (1, 5):
+        wanted = surface.predict(surface.rows(AT), 0.95, 1.0, m)
+        np.testing.assert_allclose(ends(belief.bands(AT, 0.95, 1.0, m)), ends(wanted), rtol=1e-5)
+
+
 def distribution(belief: Belief, at: int, points: np.ndarray, kind: str, m: int = 1):
     """Distribution function of the surface, or of the mean of m runs, at one point, and its rough reach."""
     surface, process, share = belief.surface, belief.departure.process, belief.departure.probability
