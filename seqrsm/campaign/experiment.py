@@ -65,14 +65,12 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) ->
     now |= {key: before[key] for key, value in now.items() if key.startswith("file ") and not value and key in before}
     if before == now:
         return
-    factors = {f"[simulator.fixed] {factor.name}" for factor in spec.factors}
-    fresh = {key for key in now if key not in before}
-    apart = factors | {key for key in fresh if key.startswith("utility of ")}
-    if apart - factors:  # with code of its own
+    fresh, gone = now.keys() - before.keys(), before.keys() - now.keys()
+    apart = {f"[simulator.fixed] {factor.name}" for factor in spec.factors}
+    apart |= {key for key in fresh | gone if key.startswith("utility of ")}
+    if any(key.startswith("utility of ") for key in fresh):  # with code of its own
         apart |= {key for key in fresh if key.startswith("file ")}
-    wanted = {f"utility of {one.name}" for one in spec.applications}
-    apart |= {key for key in before if key.startswith("utility of ") and key not in wanted}
-    changed = sorted(key for key in {*before, *now} - apart if before.get(key) != now.get(key))
+    changed = sorted({key for key, _ in before.items() ^ now.items()} - apart)
     if told and changed and not accept and store.runs("scored", source="simulation"):
         raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
     store.add_event(EXPERIMENT, {EXPERIMENT: now})

@@ -156,6 +156,10 @@ def _tangent(region: Region, points: FloatArray, free: list[int], gradient: Floa
     return np.where(blocked, 0.0, along)
 
 
+def _value(constant: float, linear: FloatArray, quadratic: FloatArray, x: FloatArray) -> float:
+    return float(constant + x @ linear + x @ quadratic @ x)
+
+
 def line_ascent(
     region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, float]:
@@ -178,7 +182,7 @@ def line_ascent(
     free = list(region.continuous)
     point = start.copy()
     x = point[free]
-    value = float(constant + x @ linear + x @ quadratic @ x)
+    value = _value(constant, linear, quadratic, x)
     for _ in range(_MOST_ROUNDS):  # it ends when a round gains nothing
         before = value
         for column, j in enumerate(free):
@@ -197,33 +201,14 @@ def line_ascent(
                     point, x, value = trial, trial[free], value + float(gains[best])
         if value - before <= 1e-13 * (1.0 + abs(value)):
             break
-    return point, float(constant + x @ linear + x @ quadratic @ x)
+    return point, _value(constant, linear, quadratic, x)
 
 
 def polish(
     region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, float]:
-    """SLSQP on the constraints' slacks from a feasible point, drawn back into the region where it ends outside.
-
-    Parameters
-    ----------
-    region : Region
-        With constraints.
-    constant, linear, quadratic : float, ndarray (c,), ndarray (c, c)
-        Quadratic in the c continuous factors.
-    start : ndarray (k,)
-        Feasible.
-
-    Returns
-    -------
-    point : ndarray (k,)
-        Feasible, never worse than ``start``.
-    value : float
-    """
+    """SLSQP on the slacks of constraints, drawn back into the region where it ends outside; else as `line_ascent`."""
     free = list(region.continuous)
-
-    def value(x: FloatArray) -> float:
-        return float(constant + x @ linear + x @ quadratic @ x)
 
     def full(x: FloatArray) -> FloatArray:
         point = start.copy()
@@ -235,7 +220,7 @@ def polish(
         return found
 
     def loss(x: FloatArray) -> float:
-        return -value(x) / scale
+        return -_value(constant, linear, quadratic, x) / scale
 
     def slope(x: FloatArray) -> FloatArray:
         found: FloatArray = -(linear + 2.0 * quadratic @ x) / scale
@@ -251,9 +236,9 @@ def polish(
         method="SLSQP",
         options={"maxiter": 100, "ftol": 1e-14},
     )
-    before = value(start[free])
+    before = _value(constant, linear, quadratic, start[free])
     if not np.all(np.isfinite(found.x)):
         return start, before
     point = retract(region, full(found.x)[None, :], start[None, :])[0]
-    after = value(point[free])
+    after = _value(constant, linear, quadratic, point[free])
     return (point, after) if after > before else (start, before)

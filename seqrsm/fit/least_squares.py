@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from scipy.special import fdtrc, ndtri, stdtr
@@ -258,8 +259,7 @@ class LeastSquaresFit:
         """Degrees of freedom of pure error: runs that repeat a setting within a block."""
         if self.setting_ids is None:
             return 0
-        found = pure_error(self.y, self.weights, self.setting_ids, self.block_ids)
-        return found[0]
+        return pure_error(self.y, self.weights, self.setting_ids, self.block_ids)[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
         """Sequential analysis of variance; groups of terms that the model does not hold are left out.
@@ -274,12 +274,11 @@ class LeastSquaresFit:
         constant = "intercept" in self.kinds and np.ptp(self.y) == 0.0
         scores = self.y - self.y[0] if constant else self.y  # equal scores leave no rounding dust
         parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for key in held)], scores * root)
-        ms_error = self.sse / self.df_residual if self.df_residual > 0 else nan
+        ms_error = _over(self.sse, self.df_residual)
         rows = []
         for key, (df, ss) in zip(held, parts[1:], strict=True):
-            f = (ss / df) / (ms_error * self.inflation) if df > 0 and ms_error > 0.0 else nan
-            p = float(fdtrc(df, self.df_residual, f)) if f == f else nan
-            rows.append(AnovaRow(_GROUPS[key], df, ss, ss / df if df > 0 else nan, f, p))
+            f = _over(_over(ss, df), ms_error * self.inflation)
+            rows.append(AnovaRow(_GROUPS[key], df, ss, _over(ss, df), f, float(fdtrc(df, self.df_residual, f))))
         rows.append(AnovaRow("residual", self.df_residual, self.sse, ms_error, nan, nan))
         lack = self.lack_of_fit()
         if isinstance(lack, LackOfFit):
@@ -291,8 +290,7 @@ class LeastSquaresFit:
     def vif(self) -> FloatArray:
         """Variance inflation factors (p,): variance over that of the column alone; nan for the intercept."""
         w = self.weights[:, None]
-        has_intercept = "intercept" in self.kinds
-        centre = np.sum(w * self.Z, axis=0) / np.sum(w) if has_intercept else np.zeros(self.n_terms)
+        centre = np.sum(w * self.Z, axis=0) / np.sum(w) if "intercept" in self.kinds else np.zeros(self.n_terms)
         own = np.sum(w * np.square(self.Z - centre), axis=0)
         vif = np.diagonal(self.covariance_unscaled) * own / self.inflation
         return np.where(np.array(self.kinds) == "intercept", np.nan, vif)
@@ -343,33 +341,30 @@ def fit_least_squares(
     if y.size < len(names):
         remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
         raise FitError(f"{y.size} runs cannot determine {len(names)} terms", remedy)
-    n, p = Z.shape
-    in_blocks = np.array([kind == "block" for kind in kinds], dtype=np.bool_)
-    if block_ids is None and np.any(in_blocks):
-        block_ids = [tuple(row) for row in Z[:, in_blocks].tolist()]
+    (n, p), intercept = Z.shape, "intercept" in kinds
+    if block_ids is None and "block" in kinds:
+        block_ids = [tuple(row) for row in Z[:, np.array(kinds) == "block"].tolist()]
     root = np.sqrt(w)
     factors = linear_system.factorise(Z * root[:, None])
     if factors.rank < p:
         involved = np.any(np.abs(factors.null) > _DUST, axis=1)
-        raise AliasedError([name for name, hit in zip(names, involved, strict=True) if hit], p - factors.rank)
+        raise AliasedError([*compress(names, involved)], p - factors.rank)
     estimate, r = linear_system.solve(factors, y * root)
     # Residuals below the rounding of the scores as stored carry no information: the fit is exact.
     if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == p:
         r = np.zeros(n)
-    if "intercept" in kinds and float(np.ptp(y)) == 0.0:  # no rounding dust, whose sign would place an optimum
+    if intercept and float(np.ptp(y)) == 0.0:  # no rounding dust, whose sign would place an optimum
         estimate = np.where(np.array(kinds) == "intercept", y[0], 0.0)
-    df = n - p
     L = linear_system.covariance_factor(factors)
     C = inflation * linear_system.covariance(factors, L)
     sse = float(r @ r)
-    s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
+    s = float(np.sqrt(_over(sse, n - p)))
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
     shifted = y - y[0]  # no digits are lost to a large mean
-    mean = float(np.sum(w * shifted) / np.sum(w))
-    sst = float(np.sum(w * np.square(shifted - mean))) if "intercept" in kinds else float(np.sum(w * np.square(y)))
-    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, df, p)
-    r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
-    df_total = n - (1 if "intercept" in kinds else 0)
+    centred = shifted - np.sum(w * shifted) / np.sum(w) if intercept else y
+    sst = float(np.sum(w * np.square(centred)))
+    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, n - p, p)
+    r2 = 1.0 - _over(sse, sst)
     return LeastSquaresFit(
         names=names,
         kinds=kinds,
@@ -379,13 +374,13 @@ def fit_least_squares(
         s=s,
         n_runs=n,
         n_terms=p,
-        df_residual=df,
+        df_residual=n - p,
         sse=sse,
         sst=sst,
         r2=r2,
-        r2_adjusted=1.0 - (1.0 - r2) * df_total / df if df > 0 else float("nan"),
+        r2_adjusted=1.0 - _over((1.0 - r2) * (n - intercept), n - p),
         press=press,
-        r2_predicted=1.0 - press / sst if sst > 0.0 else float("nan"),
+        r2_predicted=1.0 - _over(press, sst),
         fitted=y - r / root,
         residuals=r / root,
         leverage=leverage,
@@ -402,6 +397,11 @@ def fit_least_squares(
         factor=np.sqrt(inflation) * L,
         inflation=inflation,
     )
+
+
+def _over(part: float, whole: float) -> float:
+    """A share or mean; nan where there is nothing that it could be of."""
+    return part / whole if whole > 0.0 else float("nan")
 
 
 def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:

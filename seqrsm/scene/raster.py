@@ -176,8 +176,7 @@ def _scene(given: Mapping[str, str | Path], height: Raster, **layers: Any) -> Sc
 def _wildest(raster: Raster) -> float:
     """Number of a raster of elevations that is furthest from any, as it stands in the file."""
     known = raster.values if raster.nodata is None else raster.values[raster.values != raster.nodata]
-    ends = (float(np.fmin.reduce(known, axis=None)), float(np.fmax.reduce(known, axis=None)))
-    return max(ends, key=abs)
+    return max(float(np.fmin.reduce(known, axis=None)), float(np.fmax.reduce(known, axis=None)), key=abs)
 
 
 def _check_parts(chosen: Mapping[str, int | str], given: Mapping[str, str | Path]) -> None:
@@ -226,6 +225,9 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
             notes[category] = str(row["note"])
     if not index and not problems:
         problems.append(Problem("the legend names no category", "", file))
+    if len(index) > NO_COVER:
+        remedy = "Give covers that are alike one category"
+        problems.append(Problem(f"{len(index)} categories, at most {NO_COVER} are possible", remedy, file))
     if problems:
         raise SceneError(*problems)
     return tuple(index), notes, codes

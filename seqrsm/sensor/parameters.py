@@ -132,7 +132,7 @@ class Parameter:
             except (TypeError, ValueError):
                 problems.append(Problem("not a number", f"Give {self.allowed}", field=self.name, value=written))
                 return written
-            return int(number) if self.kind == "whole" and number == round(number) else number
+            return int(number) if self.kind == "whole" and number.is_integer() else number
         text = str(written)
         if self.kind == "channels":
             return tuple(part.strip() for part in text.split("+"))

@@ -357,9 +357,8 @@ class RadarConfiguration:
 
     def thermal_noise_w(self) -> float:
         """Noise power in the bandwidth of the receiver, k T0 B F [W], T0 = 290 K."""
-        return float(
-            BOLTZMANN_J_K * REFERENCE_TEMPERATURE_K * self.bandwidth_mhz * 1e6 * db_to_linear(self.noise_figure_db)
-        )
+        density_w_hz = BOLTZMANN_J_K * REFERENCE_TEMPERATURE_K
+        return float(density_w_hz * self.bandwidth_mhz * 1e6 * db_to_linear(self.noise_figure_db))
 
     @property
     def compression_gain(self) -> float:
@@ -396,7 +395,7 @@ def at_fault(radar: RadarConfiguration, name: str, text: str, remedy: str) -> Pr
 
 def _set_problems(radar: RadarConfiguration) -> list[Problem]:
     """Every contradiction between values that are possible alone; needs no scene."""
-    found = list(_excluded_choices(radar))
+    found = [*_excluded_choices(radar), *_calibration_problems(radar)]
     theta = radar.centre_incidence_rad
     if math.isnan(theta):
         least = 90.0 - math.degrees(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + radar.altitude_m)))
@@ -405,10 +404,8 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
     across = radar.ground_resolution_m(theta)
     if radar.resolution_m < across * (1.0 - 1e-9):
         needed = radar.bandwidth_mhz * across / radar.resolution_m
-        text = (
-            f"{radar.bandwidth_mhz:g} MHz at an incidence of {math.degrees(theta):.4g} deg resolve {across:.4g} m "
-            "in ground range, no finer"
-        )
+        finest = f"{across:.4g} m in ground range, no finer"
+        text = f"{radar.bandwidth_mhz:g} MHz at an incidence of {math.degrees(theta):.4g} deg resolve {finest}"
         remedy = f"Use at least {rounded_up(needed)} MHz or a resolution of at least {rounded_up(across)} m"
         found.append(at_fault(radar, "resolution", text, remedy))
     along = 0.5 * radar.antenna_length_m
@@ -418,9 +415,8 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
         found.append(at_fault(radar, "resolution", text, remedy))
     available = radar.looks_available(theta)
     if not found and radar.looks is not None and radar.looks > available * (1.0 + 1e-9):
-        text = (
-            f"a cell of {radar.resolution_m:g} m holds {available:.4g} independent samples at the centre of the scene"
-        )
+        held = f"{available:.4g} independent samples at the centre of the scene"
+        text = f"a cell of {radar.resolution_m:g} m holds {held}"
         remedy = f"Ask for at most {rounded_down(available)} looks, or more bandwidth, or a coarser resolution"
         found.append(at_fault(radar, "looks", text, remedy))
     sampled = radar.prf_hz / radar.n_transmit
@@ -465,6 +461,10 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
         yield Problem("a pattern needs its table, and a table its pattern", remedy, field="pattern_table")
     if radar.snow != "none" and radar.season != "winter":
         yield at_fault(radar, "snow", "snow occurs in winter only", 'Use season = "winter", or snow = "none"')
+
+
+def _calibration_problems(radar: RadarConfiguration) -> Iterator[Problem]:
+    """More than one calibration of the picture, and pairs of which half is missing."""
     used = [names for names in _CALIBRATIONS if any(getattr(radar, name) is not None for name in names)]
     if len(used) > 1:
         text = f"more than one calibration of the picture: {'; '.join(' and '.join(names) for names in used)}"

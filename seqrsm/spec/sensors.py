@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,10 +88,7 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
         return
     fixed = fixed if isinstance(fixed, dict) else {}
     factors = {i: f for i, f in enumerate(written) if isinstance(f, dict) and isinstance(f.get("name"), str)}
-    levels = [f.get("levels") for f in factors.values() if f["name"] == "frequency"]
-    sets = [level for own in levels if isinstance(own, list) for level in own]
-    sets += [fixed["frequency"]] if isinstance(fixed.get("frequency"), str) else []
-    known = {part.strip() for level in sets for part in str(level).split("+")}
+    known = _set_members(factors.values(), fixed)
     for name, own in instruments.members.items():
         _check_member(name, own, known, instruments.engine, report)
     names: dict[Path, str] = {("factor", i, "name"): f["name"] for i, f in factors.items()}
@@ -106,6 +103,14 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
             who = f"the member '{member}' has no" if dot else "no sensor of the set has"
             remedy = _meant(own_name, table, instruments.engine, member + dot)
             report.add(path, f"{who} such sensor parameter", remedy, name)
+
+
+def _set_members(factors: Iterable[Mapping[str, Any]], fixed: Mapping[str, Any]) -> set[str]:
+    """Members of the sets that the factor frequency has as levels, or that ``[simulator.fixed]`` gives for it."""
+    levels = [f.get("levels") for f in factors if f["name"] == "frequency"]
+    sets = [level for own in levels if isinstance(own, list) for level in own]
+    sets += [fixed["frequency"]] if isinstance(fixed.get("frequency"), str) else []
+    return {part.strip() for level in sets for part in str(level).split("+")}
 
 
 def _check_member(name: str, own: Mapping[str, Any], known: set[str], engine: str, report: Reporter) -> None:

@@ -414,3 +414,9 @@ def test_an_unknown_parameter_is_told_the_nearest_or_where_all_are_listed(load):
     assert "altitude_m" in problem.remedy
     (problem,) = refused(load, "prm", 'name = "wings"; low = 1; high = 2')
     assert "seqrsm parameters prm" in problem.remedy
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_whole_number_that_is_none_is_told(value: float) -> None:
+    (problem,) = RADAR["n_bits"].level_problems(value)
+    assert problem.message == "out of range"

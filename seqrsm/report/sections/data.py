@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
@@ -111,53 +112,42 @@ def run_section(dossier: Dossier) -> Section:
 
 
 def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
-    factors = dossier.spec.factors
     applications = [application.name for application in dossier.spec.applications]
     by_name = {analysis.application: analysis for analysis in dossier.analyses}
-    blocked = any(run.block for run in dossier.runs)
     with_error = {score.application for run in dossier.runs for score in run.scores if score.se is not None}
-    columns = [right("Run"), right("Batch")]
-    columns += [Column(readable(f.name)) if isinstance(f, CategoricalFactor) else factor_column(f) for f in factors]
-    for name in applications:
-        title = "Score" if len(applications) == 1 else f"Score {name}"
-        unit = by_name[name].score_unit if name in by_name else ""
-        columns.append(right(title, unit))
-        if name in with_error:
-            columns.append(right("s.e.", unit))
     fitted = {int(run) for analysis in dossier.analyses for run in analysis.data.run_ids}
     left_out = any(run.state == "scored" and run.run_id not in fitted for run in dossier.runs) and bool(fitted)
-    columns += [Column("State"), Column("Source"), Column("Purpose")]
+    columns: list[tuple[Column, Callable[[RunRecord], Cell]]] = [
+        (right("Run"), lambda run: whole_cell(run.run_id)),
+        (right("Batch"), lambda run: whole_cell(run.batch)),
+    ]
+    for f in dossier.spec.factors:
+        column = Column(readable(f.name)) if isinstance(f, CategoricalFactor) else factor_column(f)
+        columns.append((column, partial(_setting_cell, f)))
+    for name in applications:
+        analysis = by_name.get(name)
+        title, unit = "Score" if len(applications) == 1 else f"Score {name}", analysis.score_unit if analysis else ""
+        columns.append((right(title, unit), partial(_score_cell, name, analysis)))
+        if name in with_error:
+            columns.append((right("s.e.", unit), partial(_error_cell, name)))
+    columns.append((Column("State"), lambda run: Cell(run.state)))
+    columns.append((Column("Source"), lambda run: Cell(run.source)))
+    columns.append((Column("Purpose"), lambda run: Cell(readable(run.purpose))))
     if left_out:
-        columns.append(Column("In the fit"))
-    if blocked:
-        columns.append(Column("Block"))
-    rows = []
-    for run in runs:
-        cells = [whole_cell(run.run_id), whole_cell(run.batch)]
-        cells += [_setting_cell(factor, run.settings.get(factor.name)) for factor in factors]
-        for name in applications:
-            cells += _score_cells(run, name, by_name.get(name))[: 2 if name in with_error else 1]
-        cells += [Cell(run.state), Cell(run.source), Cell(readable(run.purpose))]
-        if left_out:
-            cells.append(Cell("yes" if run.run_id in fitted else "no"))
-        if blocked:
-            cells.append(Cell(run.block))
-        rows.append(tuple(cells))
-    caption = "Settings as run, and scores"
-    told, kept = [], []
-    for i, column in enumerate(columns):
-        found = {row[i].text for row in rows}
-        if len(found) == 1 and column.title in _SAME:
-            told.append(f"{column.title.lower()} {found.pop()}")
-        else:
-            kept.append(i)
-    if told:
-        caption += f"; all runs: {', '.join(told)}"
-    columns, rows = [columns[i] for i in kept], [tuple(row[i] for i in kept) for row in rows]
-    return Table(tuple(columns), tuple(rows), caption, sortable=True)
+        columns.append((Column("In the fit"), lambda run: Cell("yes" if run.run_id in fitted else "no")))
+    if any(run.block for run in dossier.runs):
+        columns.append((Column("Block"), lambda run: Cell(run.block)))
+    filled = [(column, [cell_of(run) for run in runs]) for column, cell_of in columns]
+    alike = {c.title: cells[0].text for c, cells in filled if c.title in _SAME and len({x.text for x in cells}) == 1}
+    told = ", ".join(f"{title.lower()} {text}" for title, text in alike.items())
+    caption = f"Settings as run, and scores{f'; all runs: {told}' if told else ''}"
+    kept = [own for own in filled if own[0].title not in alike]
+    rows = zip(*(cells for _, cells in kept), strict=True)
+    return Table(tuple(column for column, _ in kept), tuple(rows), caption, sortable=True)
 
 
-def _setting_cell(factor: Factor, value: float | str | None) -> Cell:
+def _setting_cell(factor: Factor, run: RunRecord) -> Cell:
+    value = run.settings.get(factor.name)
     if value is None:
         return Cell("")
     if isinstance(factor, CategoricalFactor):
@@ -165,17 +155,21 @@ def _setting_cell(factor: Factor, value: float | str | None) -> Cell:
     return number_cell(format_plain(float(f"{float(value):.4g}")), float(value))
 
 
-def _score_cells(run: RunRecord, application: str, analysis: Analysis | None) -> list[Cell]:
+def _score_cell(application: str, analysis: Analysis | None, run: RunRecord) -> Cell:
     record = run.score_of(application)
     if record is None:
-        return [Cell(""), Cell("")]
+        return Cell("")
     if record.se is not None:
-        places = decimals_for(record.se)
-        return [
-            number_cell(format_number(record.score, places), record.score),
-            number_cell(format_number(record.se, places), record.se),
-        ]
-    text = (
-        format_significant(record.score, 4) if analysis is None else format_number(record.score, run_decimals(analysis))
-    )
-    return [number_cell(text, record.score), Cell("")]
+        text = format_number(record.score, decimals_for(record.se))
+    elif analysis is not None:
+        text = format_number(record.score, run_decimals(analysis))
+    else:
+        text = format_significant(record.score, 4)
+    return number_cell(text, record.score)
+
+
+def _error_cell(application: str, run: RunRecord) -> Cell:
+    record = run.score_of(application)
+    if record is None or record.se is None:
+        return Cell("")
+    return number_cell(format_number(record.se, decimals_for(record.se)), record.se)
