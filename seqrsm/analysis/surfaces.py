@@ -123,7 +123,7 @@ class Surface:
         data: ScoredRuns,
         scale: ResponseScale,
         fit: LeastSquaresFit,
-        ground: Ground | None,
+        ground: Ground | None = None,
     ) -> Surface:
         """The surface that these runs call for; ``ground`` tells how flights may differ from simulations."""
         del ground
@@ -233,7 +233,7 @@ class RandomBlocks(Surface):
         data: ScoredRuns,
         scale: ResponseScale,
         fit: LeastSquaresFit,
-        ground: Ground | None,
+        ground: Ground | None = None,
     ) -> RandomBlocks:
         """See `random_blocks`."""
         del ground
@@ -312,7 +312,7 @@ class TwoSources(Surface):
         data: ScoredRuns,
         scale: ResponseScale,
         fit: LeastSquaresFit,
-        ground: Ground | None,
+        ground: Ground | None = None,
     ) -> TwoSources:
         """See `fit_sources`."""
         flights = np.array([source == "flight" for source in data.sources])
