@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, first_of_largest
 from seqrsm.design import search
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -103,7 +103,7 @@ def search_candidates(
         tell(_SEARCHING, start, starts)
         points = _drawn(candidates, task.n, rng)
         value = _from_anywhere(model, points, candidates, rows, task)
-        if value > best[0]:
+        if value > best[0] + _FINE:
             best = value, points
     return best
 
@@ -147,7 +147,7 @@ def search_region(
         if region.is_box and value > top - worth:
             value, points = _descended(model, region, task, points)
         values.append(value)
-        if value > top:
+        if value > top + _FINE:
             tops[-1] = value, points
         hits = int(np.count_nonzero(np.array(values) > max(values) - _SAME))
         if number + 1 >= _FEWEST and hits >= _SURE:
@@ -272,7 +272,7 @@ def _exchange(
                 fall = (1.0 - d_o) * e_n + 2.0 * d_no * (Q @ Z[i]) - (1.0 + d_n) * float(Z[i] @ E @ Z[i])
                 gains = np.where(ratio > 1e-9, fall / np.maximum(ratio, 1e-9), -np.inf)
                 least *= float(np.exp(-before))
-            best = int(np.argmax(gains))
+            best = first_of_largest(gains)
             moved = bool(gains[best] > least)
             if moved:
                 Z[i], points[i] = rows[best], candidates[best]

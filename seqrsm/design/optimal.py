@@ -64,7 +64,7 @@ def optimal_design(
         ``"D"``: smallest confidence region of the coefficients; ``"I"``: smallest mean prediction variance over the
         region; ``"A"``: smallest mean variance of the coefficients.
     seed : int
-        The same seed gives the same design on one machine; where matrices are rounded otherwise, one as good.
+        The same seed gives the same design; where matrices are rounded otherwise, now and then another one as good.
     fixed : ndarray (m, k), optional
         Runs already made or decided: counted, never moved.
 

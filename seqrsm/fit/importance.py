@@ -19,6 +19,8 @@ _AFAR = 38  # draws of a round that spread as far as the prior
 _LEAST = 60.0  # effective draws that the next round is placed by
 _FAR, _OUTSIDE = 4.9, -1e10  # largest coordinate of a peak, and the log density told where there is none
 _STEP, _WIDE_STEP = 1e-4, 0.03  # of differences: for slopes, and for curvatures
+_NEWTON, _STILL, _FALL = 12, 1e-7, 0.01  # steps by these at most; the length of the last one; what one may lose
+_HIGHER = 0.1  # of log density: that another end is taken for the higher one
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,12 @@ def _bounded(rounds: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArra
 
 
 def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[FloatArray, FloatArray]:
-    """The peak (d,), and the covariance (d, d) of the normal distribution with its curvature; by differences."""
+    """The peak (d,), and the covariance (d, d) of the normal distribution with its curvature; by differences.
+
+    Draws must not depend on the last digits of the density, which are the processor's, and where BFGS ends does. So it
+    starts at the prior's centre and at the highest of some places, the same for every seed, and Newton's steps go on
+    from the higher end.
+    """
 
     def height(z: FloatArray) -> FloatArray:
         return np.maximum(log_density(z), _OUTSIDE)
@@ -107,20 +114,35 @@ def _peak(log_density: Callable[[FloatArray], FloatArray], d: int) -> tuple[Floa
         first, *others = height(z + _STEP * np.eye(1 + d, d, -1))
         return -first, (first - np.array(others)) / _STEP
 
-    found = scipy.optimize.minimize(
-        depth_and_slope, np.zeros(d), jac=True, method="BFGS", options={"maxiter": 30, "gtol": 0.1}
-    ).x
-    peak = np.clip(found, -_FAR, _FAR)
+    places = np.random.default_rng(d).standard_normal((_DRAWS, d))
+    ends = [
+        scipy.optimize.minimize(
+            depth_and_slope, start, jac=True, method="BFGS", options={"maxiter": 30, "gtol": 0.1}
+        ).x.clip(-_FAR, _FAR)
+        for start in (places[np.argmax(height(places))], np.zeros(d))
+    ]
+    first, other = height(np.array(ends))
+    at = ends[int(other > first + _HIGHER)]
     step, (i, j) = _WIDE_STEP * np.eye(d), np.triu_indices(d, 1)
-    top, *sides = np.split(
-        height(peak + np.vstack([0.0 * step[:1], step, -step, step[i] + step[j]])), [1, 1 + d, 1 + 2 * d]
-    )
-    up, down, both = sides
-    curved = np.diag(2.0 * top - up - down)
-    curved[i, j] = curved[j, i] = up[i] + up[j] - both - top
-    own, axes = np.linalg.eigh(curved / _WIDE_STEP**2)
-    # The prior's is 1: where differences say less, the distribution is no normal one, and wide enough.
-    return peak, (axes / np.maximum(own, 0.5)) @ axes.T
+    around = np.vstack([0.0 * step[:1], step, -step, step[i] + step[j]])
+    peak, spread, highest, move = at, np.eye(d), -np.inf, np.zeros(d)
+    for _ in range(_NEWTON):
+        top, up, down, both = np.split(height(at + around), [1, 1 + d, 1 + 2 * d])
+        if top[0] < highest - _FALL:
+            move *= 0.25
+            at = peak + move
+            continue
+        peak, highest = at, float(top[0])
+        curved = np.diag(2.0 * top - up - down)
+        curved[i, j] = curved[j, i] = up[i] + up[j] - both - top
+        own, axes = np.linalg.eigh(curved / _WIDE_STEP**2)
+        # The prior's is 1: where differences say less, the distribution is no normal one, and wide enough.
+        spread = (axes / np.maximum(own, 0.5)) @ axes.T
+        at = np.clip(peak + spread @ (up - down) / (2.0 * _WIDE_STEP), -_FAR, _FAR)
+        move = at - peak
+        if np.max(np.abs(move)) < _STILL:
+            break
+    return peak, spread
 
 
 def _log_mixture(z: FloatArray, centres: FloatArray, shares: FloatArray, root: FloatArray) -> FloatArray:

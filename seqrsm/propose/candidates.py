@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, first_of_largest
 from seqrsm.design.region import Region
 from seqrsm.propose.known import Evidence, Known, Rows
 
@@ -86,7 +86,7 @@ class Search:
         """Best allowed candidate by ``gain`` of rows; one that was not run yet is moved a little where that gains."""
         here = self.candidates
         gains = np.where(allowed, gain(here.rows) / here.cost, -np.inf)
-        index = int(np.argmax(gains))
+        index = first_of_largest(gains)
         found = here.choice(index, gains[index])
         if found.executed or not self._region.continuous:
             return found
@@ -98,7 +98,7 @@ class Search:
                 continue
             moved = self._evaluate(near, np.zeros(len(near), dtype=bool))
             gains = gain(moved.rows) / moved.cost
-            index = int(np.argmax(gains))
+            index = first_of_largest(gains)
             if gains[index] > found.gain:
                 found = moved.choice(index, gains[index])
         return found

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, first_of_largest
 from seqrsm.design.region import Region
 from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
@@ -212,7 +212,7 @@ def propose_from_process(
         at_hat = covariance[cloud.hat]
         value = np.square(at_hat) / total
         loss = np.mean(np.square(covariance[best] - at_hat), axis=0) / total
-        chosen = int(np.argmax(np.where(allowed, value + loss, -np.inf)))
+        chosen = first_of_largest(np.where(allowed, value + loss, -np.inf))
         of_loss = np.mean(np.diag(covariance)[best] - 2.0 * at_hat[best] + at_hat[cloud.hat])
         narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
         share = loss[chosen] / of_loss if of_loss > 0.0 else 0.0
