@@ -114,6 +114,6 @@ def test_a_rising_ridge_is_told_with_its_flat_axis_and_without(ridge: tuple[Path
     assert 0.0 < exact["se"]["low"]["frequency"] < exact["natural"]["frequency"] < exact["se"]["high"]["frequency"]
     assert exact["inside_region"] is bool(np.all(np.abs(coded) <= 1.0))
     assert document["se"]["coded"]["frequency"] < 0.1 * exact["se"]["coded"]["frequency"]
-    assert "If no curvature is set to zero, the stationary point lies outside the region at" in " ".join(
+    assert "If no curvature is set to zero, the stationary point lies outside the region: " in " ".join(
         told(folder).split()
     )

@@ -27,7 +27,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.process import MOST_RUNS, Process
 from seqrsm.report.blocks import Paragraph
-from seqrsm.report.sections.optimum import _departure
+from seqrsm.report.sections.optimum import _departure, _place
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewRun, NewScore
 
@@ -40,6 +40,13 @@ def narrow(tmp_path_factory) -> Analysis:
     """A narrow top, 30 runs."""
     points = np.round(spread(30, 2), 3)
     return analysed(tmp_path_factory.mktemp("narrow") / "c", TWO, points, hill(points) + NOISE[:30])
+
+
+def test_a_stationary_point_that_nothing_determines_has_no_number(narrow: Analysis) -> None:
+    """A report of a radiometer gave a resolution between 5 x 10^-136 and 7 x 10^136 m, in all digits."""
+    told = _place(narrow, np.array([0.5, -0.25]), np.array([0.1, 600.0]))
+    first, second = narrow.region.names
+    assert told.replace("\u00a0", " ") == f"{first} 0.50 ± 0.10 and {second} not determined"
 
 
 def believed(analysis: Analysis, probability: float) -> Belief:

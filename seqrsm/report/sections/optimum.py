@@ -74,7 +74,7 @@ from seqrsm.report.wording import (
 from seqrsm.spec.tables import StopSpec
 
 _WATCHED = {"confidence": "Mean score", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
-_FAR = 5.0  # coded: a stationary point beyond it has no settings worth a number
+_FAR = 5.0  # coded: a stationary point beyond it, or with such an error, has no settings worth a number
 
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
@@ -271,7 +271,7 @@ def _shape(analysis: Analysis) -> list[Block]:
     if stationary.flat.any() and np.all(np.isfinite(stationary.exact_point[list(numeric)])):
         place = _place(analysis, stationary.exact_point, stationary.exact_se)
         where = "inside" if stationary.exact_inside_region else "outside"
-        text = f"If no curvature is set to zero, the stationary point lies {where} the region at {place}."
+        text = f"If no curvature is set to zero, the stationary point lies {where} the region: {place}."
         blocks.append(Paragraph(text))
     rows = (
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
@@ -297,6 +297,9 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
         low, high = ends[factor.name]
         if not se[index] > 0.0:  # nan where nothing is known of errors
             text = format_significant(value, 3)
+        elif se[index] > _FAR:  # on a logarithmic scale its ends would have a hundred digits
+            settings.append(f"{readable(factor.name)} not determined")
+            continue
         elif factor.scale == "linear":
             text = format_plus_minus(value, high - value)
         else:
