@@ -395,7 +395,8 @@ class TwoSources(Surface):
     def for_process(self) -> tuple[Sources | None, FloatArray]:
         """The same difference, flights the own source."""
         both = self.both
-        sources = Sources(both.runs.flights, discrepancy_sd(self.model, both.prior_sd), both.flight_weight)
+        difference = discrepancy_sd(self.model, both.prior_sd)
+        sources = Sources(both.runs.flights, difference, both.flight_weight, both.runs.ratio)
         return sources, both.runs.Z[:, 2 * self.model.p :]
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:

@@ -48,6 +48,7 @@ factor of four has a length above 6, one of six above 20: the process hardly dep
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _DIFFERENCE = (0.0, 0.4)  # of the logarithm of what the stated difference between sources is multiplied by
+_OWN_NOISE = 0.9  # standard deviation of the logarithm of the own source's noise over the other's
 _KEPT, FEW = 100, 20
 """Draws kept, and those of them that do where places are sought."""
 _FEATURES = 1000
@@ -65,11 +66,14 @@ class Sources:
         Prior standard deviation of each coefficient of the difference, score units.
     weight : float
         Of a run of the own source, where one of the other has 1: what the quadratic is weighed with.
+    ratio : float
+        A guess of the variance of a run of the other source over that of one of the own.
     """
 
     own: BoolArray
     difference_sd: FloatArray
     weight: float
+    ratio: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +109,11 @@ class Hyper:
         trend, process, noise = np.exp(theta[:, :3]).T
         between = 1.0 / (1.0 + np.exp(-theta[:, 3])) if categories else np.ones(len(theta))
         lengths, bends, of_sources = np.split(theta[:, 3 + categories :], (n_numeric, 2 * n_numeric), axis=1)
-        two = np.exp(of_sources).T if sources else np.zeros((2, len(theta)))
+        difference, share = np.exp(of_sources).T if sources else np.zeros((2, len(theta)))
+        other_noise, noise = (noise, share * noise) if sources else (share, noise)
         median, sd = _PRIOR["length"]
         above = np.maximum(lengths - np.log(median), 0.0) / sd
-        return cls(trend, process, noise, between, np.exp(lengths + _TAIL * above**2), bends, *two)
+        return cls(trend, process, noise, between, np.exp(lengths + _TAIL * above**2), bends, difference, other_noise)
 
     def some(self, which: slice) -> Hyper:
         """The draws in these places."""
@@ -471,7 +476,8 @@ class Process:
         rows += [_BETWEEN] * bool(self.model.categorical)
         rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * len(self.model.numeric)
         rows += [_BEND] * len(self.model.numeric)
-        rows += [_DIFFERENCE, rows[2]] * (self._sources is not None)
+        if self._sources is not None:  # the noise sampled is then that of the other source
+            rows += [_DIFFERENCE, (-0.5 * np.log(self._sources.ratio), _OWN_NOISE)]
         mean, sd = np.array(rows).T
         return mean, sd
 

@@ -329,7 +329,8 @@ def test_hyperparameters_by_name() -> None:
     assert Hyper.of(theta[:, :5], 1, categories=False, sources=False).between[0] == 1.0
     assert (h.difference[0], h.other_noise[0]) == (0.0, 0.0)
     two = Hyper.of(np.append(theta, [[0.5, -0.5]], axis=1), 2, categories=True, sources=True)
-    assert (two.difference[0], two.other_noise[0]) == tuple(np.exp([0.5, -0.5]))
+    assert (two.difference[0], two.other_noise[0]) == tuple(np.exp([0.5, 0.3]))
+    assert two.noise[0] == pytest.approx(np.exp(0.3 - 0.5))  # of the own source: a share of the other's
     np.testing.assert_array_equal(two.bends, h.bends)
 
 
