@@ -43,7 +43,7 @@ def of_scores(theta: np.ndarray, data: dict[str, np.ndarray]) -> np.ndarray:
     found = prior_covariance(theta[:-2], points, points, K, LEVELS)
     found += VAGUE * N / np.sum(data["days"] ** 2) * data["days"] @ data["days"].T
     found += difference(theta, points, points, scatter) * np.outer(flights, flights)
-    noise = np.where(flights, np.exp(theta[2]), np.exp(theta[-1]))
+    noise = np.exp(theta[2]) * np.where(flights, np.exp(theta[-1]), 1.0)  # flights are the own source
     return found + np.diag(noise**2 / data["weights"] + JITTER)
 
 
