@@ -4,10 +4,10 @@ Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63, 425-464, with the discrepa
 have the model row [z, 0], flights [z, z]. The discrepancy has a normal prior around zero, so that few flights correct
 the simulation and do not replace it; terms of each order are half as wide as those of the order before, since a ground
 mostly scores more or less wherever the sensor stands (reports/validation/worlds.md); and each source has its own
-variance. Without the terms of second order the flight's
-optimum would have the simulation's curvature, however much the flights say otherwise: on real scores the intervals then
-cover too little (reports/validation/flevoland_flights.md). Everything is conjugate given the ratio of the variances;
-the ratio has a posterior of its own, on a grid, and intervals and draws are mixtures over it.
+variance. Without the terms of second order the flight's optimum would have the simulation's curvature, however much the
+flights say otherwise: on real scores the intervals then cover too little (reports/validation/flevoland_flights.md).
+Everything is conjugate given the ratio of the variances; the ratio has a posterior of its own, on a grid, and intervals
+and draws are mixtures over it.
 
 That is the quadratic's part of what is believed; the process beside it (`seqrsm.fit.process`) has the same difference.
 """
@@ -300,7 +300,7 @@ def fit_sources(
     *,
     weights: FloatArray | None = None,
     extra: FloatArray | None = None,
-    prior_sd: float | None = None,
+    prior_sd: float,
     ratio: float = 1.0,
 ) -> SourceFit:
     """Fit simulated runs and flights together.
@@ -320,8 +320,8 @@ def fit_sources(
         Relative weights within a source.
     extra : ndarray (n, e), optional
         Columns of blocks, `blocks_within`.
-    prior_sd : float, optional
-        Of the discrepancy's intercept, score units, as in `discrepancy_sd`; by default `guessed_sd`.
+    prior_sd : float
+        Of the discrepancy's intercept, score units, as in `discrepancy_sd`.
     ratio : float, optional
         Guess of the variance of a simulation over that of a flight, > 0.
 
@@ -335,12 +335,11 @@ def fit_sources(
     own = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     blocks = np.empty((n, 0)) if extra is None else extra
     Z = np.hstack([stacked_rows(model, points, flights), blocks])
-    sd = prior_sd if prior_sd is not None else guessed_sd(y)
     df_flights = _RATIO_RUNS
     guess, sigma = ratio, max(0.25 * float(np.std(y)), 1e-12)
     for _ in range(_ROUNDS):
         w = np.where(flights, own * ratio, own)
-        found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
+        found = posterior(Z, y, w, source_prior(model, blocks.shape[1], prior_sd, sigma))
         before, sigma = sigma, found.scale if found.scale > 0.0 else sigma
         rest = (y - Z @ found.mean) ** 2 * own
         free = 1.0 - w * found.variance_unscaled(Z)
@@ -353,8 +352,10 @@ def fit_sources(
         if abs(sigma - before) <= 1e-9 * before:
             break
     w = np.where(flights, own * ratio, own)
-    found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
-    left = found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, sd) ** 2)
+    found = posterior(Z, y, w, source_prior(model, blocks.shape[1], prior_sd, sigma))
+    left = (
+        found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, prior_sd) ** 2)
+    )
     runs = StackedRuns(Z, y, own, flights, guess)
     return SourceFit(
         estimate=to_flight(model, found.mean[None, :])[0],
@@ -364,10 +365,10 @@ def fit_sources(
         df_residual=df_flights,
         n_flights=int(np.count_nonzero(flights)),
         n_simulations=int(np.count_nonzero(~flights)),
-        prior_sd=float(sd),
+        prior_sd=prior_sd,
         prior_share=float(np.clip(left, 0.0, 1.0)),
         posterior=found,
         model=model,
         runs=runs,
-        by_ratio=_by_ratio(model, runs, float(sd), found, ratio, None),
+        by_ratio=_by_ratio(model, runs, prior_sd, found, ratio, None),
     )

@@ -152,6 +152,9 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
         model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
         found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
         assert isinstance(found, TwoSources)
+        of_process, _ = found.for_process()
+        assert of_process is not None
+        assert of_process.ratio == 1.0 / (1.0 - ground.share)
         told.append((found.both.s, found.both.s_simulation, found.both.prior_sd))
     flight, simulation, prior_sd = np.median(told, axis=0)
     assert flight == pytest.approx(sd_chance, rel=0.15)
