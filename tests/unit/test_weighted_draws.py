@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate
 
 from seqrsm.fit.conjugate import crossing
-from seqrsm.fit.importance import weighted_draws
+from seqrsm.fit.importance import _peak, weighted_draws
 
 BOX = 5.0
 
@@ -87,3 +87,14 @@ def test_crossings_of_steep_flat_and_exact_functions() -> None:
     found = crossing(rising, np.full(4, -1.0), np.full(4, 1.0))
     np.testing.assert_allclose(found[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-12)
     assert found[1] == pytest.approx(zeros[1], abs=1e-4)
+
+
+def test_the_peak_is_where_differences_see_no_slope() -> None:
+    """BFGS leaves a slope of up to 0.1, at a place that hangs on the last digits."""
+
+    def banana(z: np.ndarray) -> np.ndarray:
+        return -0.5 * np.sum(z**2, axis=1) - 8.0 * (z[:, 1] - 0.7 * z[:, 0] ** 2 - 0.4 * z[:, 2]) ** 2 + z[:, 0]
+
+    peak, _ = _peak(banana, 3)
+    step = 0.03 * np.eye(3)
+    np.testing.assert_allclose((banana(peak + step) - banana(peak - step)) / 0.06, 0.0, atol=1e-5)
