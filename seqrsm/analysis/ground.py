@@ -75,13 +75,14 @@ class Ground:
 
 
 def ground_of_scores(scores: ArrayLike) -> Ground:
-    """Analysis of variance of scores (worlds, occasions), at least two of each."""
+    """Analysis of variance of scores (worlds, occasions), at least two of each, or (settings, worlds, occasions)."""
     y = np.asarray(scores, dtype=np.float64)
-    worlds, m = y.shape
-    within = float(np.mean(np.var(y, axis=1, ddof=1)))
-    total = float(np.var(np.mean(y, axis=1), ddof=1)) + within * (1.0 - 1.0 / m)
-    share = _share(total, worlds - 1, within, worlds * (m - 1))
-    return Ground(float(np.sqrt(max(total - within, 0.0))), float(np.sqrt(within)), worlds, y.size, share)
+    *groups, worlds, m = y.shape
+    n_worlds = math.prod(groups) * worlds
+    within = float(np.mean(np.var(y, axis=-1, ddof=1)))
+    total = float(np.mean(np.var(np.mean(y, axis=-1), axis=-1, ddof=1))) + within * (1.0 - 1.0 / m)
+    share = _share(total, n_worlds - math.prod(groups), within, n_worlds * (m - 1))
+    return Ground(float(np.sqrt(max(total - within, 0.0))), float(np.sqrt(within)), n_worlds, y.size, share)
 
 
 def _share(total: float, df: int, chance: float, df_chance: int) -> float:

@@ -218,17 +218,18 @@ class Budget:
         sign, noise, n_spread, m = sign_of(self.goal), self.known.noise, len(rows), n - len(rows)
         if n <= p or np.linalg.matrix_rank(Z[rows]) < p:
             return Plan(change, n, p, asked, float("nan"), float("nan"))
-        rng = generator(self.seed, n, "budget: runs")
+        # The first runs of every number are the same, so that numbers differ by what more runs give.
+        spread, repeats = (generator(self.seed, 0, f"budget: {kind} runs") for kind in ("spread", "repeated"))
         every = np.arange(truth.shape[1])
         inverse = np.linalg.inv(Z[rows].T @ Z[rows])
-        y = truth[rows] + noise * rng.standard_normal((n_spread, len(every)))
+        y = truth[rows] + noise * spread.standard_normal((n_spread, len(every)))
         beta = inverse @ Z[rows].T @ y
         rss = np.sum((y - Z[rows] @ beta) ** 2, axis=0)
         fitted = Z @ beta
         h = np.repeat(np.einsum("ij,jk,ik->i", Z, inverse, Z)[:, None], len(every), axis=1)
         if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
             at = np.argmax(sign * fitted, axis=0)
-            again = truth[at, every] + noise * rng.standard_normal((m, len(every)))
+            again = truth[at, every] + noise * repeats.standard_normal((m, len(every)))
             apart, gain = again.mean(axis=0) - fitted[at, every], m / (1.0 + m * h[at, every])
             across = Z @ inverse @ Z[at].T
             fitted, h = fitted + across * (gain * apart), h - across**2 * gain

@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtri
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
+from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
@@ -27,7 +27,6 @@ from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, sim
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
-from seqrsm.plain import counted
 from seqrsm.rng import generator
 from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
@@ -37,12 +36,10 @@ from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.store import Store
 
-PROBE_WORLDS, _LEAST_WORLDS = 4, 12
-"""Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
-factors, and of all levels together; they measure noise and time, belong to no run and are not kept."""
+PROBES, PROBE_WORLDS = 16, 2
+"""Random settings of the region, and worlds with `OCCASIONS` in each, that are simulated at each of them.
 
-SPREAD_PROBES = 16
-"""Simulations at settings all over the region, which tell how much the score varies there."""
+They tell noise, how much the score varies over the region, and time; they belong to no run and are not kept."""
 
 ASSUMED_SPREAD = 3.0
 
@@ -127,7 +124,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     ----------
     folder : Path
     progress : callable
-        Told how many simulations are done of how many: first those of the noise, then those over the region.
+        Told how many simulations are done of how many.
 
     Raises
     ------
@@ -138,29 +135,23 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
     analyses, recommended = _so_far(spec)
-    analysis, own = analyses.get(spec.applications[0].name), 0
-    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
-    spread = float("nan")
+    found, seconds = [_Scatter()] * len(spec.applications), float("nan")
     covers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     if spec.simulator is not None:
-        noise, share, own, df, seconds, notes = _probe_noise(spec, progress)
-        analysis = analyses.get(spec.applications[own].name)
-        spread = float("nan") if analysis is not None else _spread(spec, noise, own, progress)
-        source = f"simulations at the centre, {counted(df, 'degree of freedom', 'degrees of freedom')}"
-        if len(spec.applications) > 1:
-            source += f"; of {spec.applications[own].name}, the farthest from its target"
-        if analysis is not None and analysis.fitted.ground is not None:
-            share = analysis.fitted.ground_share
+        found, seconds, notes = _probe(spec, progress)
         covers = scene_at(str(spec.scene_path)).categories
-    elif analysis is not None and analysis.fit.s > 0.0:
-        noise, df = analysis.sd_of_run, analysis.fit.df_residual
-        source = f"residuals of {analysis.fit.n_runs} scored runs"
-    application = spec.applications[own]
+    found = [_so_far_or(one, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)]
+    rules = [stop_rule(spec.stop_of(a.name), one.share) for one, a in zip(found, spec.applications, strict=True)]
+    floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
+    own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
+    application, rule, (noise, share, df, source, spread) = spec.applications[own], rules[own], found[own]
+    analysis = analyses.get(application.name)
+    if len(spec.applications) > 1 and np.isfinite(noise):
+        source += f"; of {application.name}, the farthest from its target"
     surfaces = _surfaces(spec, application, noise, spread, analysis)
     unit = application.score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
-    rule = stop_rule(spec.stop_of(application.name), share)
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
@@ -290,24 +281,44 @@ def _by_flights(rule: StopRule, noise: float) -> str:
     )
 
 
-def _probe_noise(
-    spec: CampaignSpec, progress: Callable[[int, int], None]
-) -> tuple[float, float, int, int, float, tuple[str, ...]]:
-    """Noise, the ground's share of its variance, whose they are, degrees of freedom, seconds of a run, and notes."""
+class _Scatter(NamedTuple):
+    """Scatter of a run of one application: standard deviation, the ground's share of its variance, what they rest on.
+
+    ``spread`` is the standard deviation of the expected score over the region; all in score units.
+    """
+
+    noise: float = float("nan")
+    share: float = 0.0
+    df: int = 0
+    source: str = "unknown before the first repeats"
+    spread: float = float("nan")
+
+
+def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
+    """By the scores so far, where there are any."""
+    if analysis is None or not analysis.fit.s > 0.0:
+        return found
+    share = found.share if analysis.fitted.ground is None else analysis.fitted.ground_share
+    source = f"residuals of {analysis.fit.n_runs} scored runs"
+    return _Scatter(analysis.sd_of_run, share, analysis.fit.df_residual, source)
+
+
+def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[list[_Scatter], float, tuple[str, ...]]:
+    """The scatter of each application's runs by simulations all over the region, seconds of a run, and notes."""
     levels_of = list(spec.region.level_combinations())
-    points = np.tile(spec.region.centre(), (len(levels_of), 1))
-    points[:, list(spec.region.categorical)] = levels_of
-    settings = spec.region.decode(points[spec.region.feasible(points)])[:8]
+    centres = np.tile(spec.region.centre(), (len(levels_of), 1))
+    centres[:, list(spec.region.categorical)] = levels_of
+    centres = centres[spec.region.feasible(centres)]
+    points = spec.region.sample(PROBES, generator(spec.seed, 0, "spread"))
     # Ids far beyond any campaign's: their occasions are no run's.
-    worlds = max(PROBE_WORLDS, _LEAST_WORLDS // len(settings))
-    probes = worlds * OCCASIONS
+    last, each = 2**31 - 1, PROBE_WORLDS * OCCASIONS
     tasks = [
-        replace(task_of(spec, 2**31 - 1 - i, setting), world=2**31 - 1 - i // OCCASIONS)
-        for i, setting in enumerate(np.repeat(np.array(settings), probes))
+        replace(task_of(spec, last - i, setting), world=last - i // OCCASIONS)
+        for i, setting in enumerate(np.repeat(np.array(spec.region.decode(points)), each))
     ]
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
-    levels = [replace(tasks[0], settings=setting) for setting in settings]
+    levels = [replace(tasks[0], settings=setting) for setting in spec.region.decode(centres)[:8]]
     made = (image for task in levels for image in simulate_images(task, scene_at(task.scene)))
     notes = dict.fromkeys(note for image in made for note in image.notes)
     start = time.perf_counter()
@@ -316,21 +327,22 @@ def _probe_noise(
         results.append(carry_out(task))
         progress(len(results), len(tasks))
     seconds = (time.perf_counter() - start) / len(tasks)
-    failed = [result.failure for result in results if result.failure]
-    if failed:
-        raise SpecError(*(Problem(reason, file=str(spec.folder / SPEC_NAME)) for reason in dict.fromkeys(failed)))
-    scores = np.array([[score.score for score in result.scores] for result in results])
-    groups = scores.reshape(len(settings), worlds, OCCASIONS, -1)
+    whole = [of for of in zip(*[iter(results)] * each, strict=True) if not any(one.failure for one in of)]
+    if len(whole) < PROBES // 2:
+        reasons = dict.fromkeys(result.failure for result in results if result.failure)
+        raise SpecError(*(Problem(reason, file=str(spec.folder / SPEC_NAME)) for reason in reasons))
+    scores = np.array([[[score.score for score in one.scores] for one in of] for of in whole])
+    groups = scores.reshape(len(whole), PROBE_WORLDS, OCCASIONS, -1)
+    df = len(whole) * (PROBE_WORLDS - 1)
+    source = f"simulations at {len(whole)} settings of the region, {df} degrees of freedom"
     found = []
-    for k, application in enumerate(spec.applications):
-        of = [ground_of_scores(group[:, :, k]) for group in groups]
-        ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
-        share = min(float(ground / max(ground + chance, 1e-300)), MOST_SHARE)
-        noise = float(np.sqrt(ground + chance))
-        rule = stop_rule(spec.stop_of(application.name), share)
-        found.append((rule.noise_floor(noise) / rule.half_width, noise, share))
-    own = found.index(max(found))
-    return *found[own][1:], own, len(settings) * (worlds - 1), seconds, tuple(notes)
+    for k in range(len(spec.applications)):
+        ground = ground_of_scores(groups[..., k])
+        noise = math.hypot(ground.sd_ground, ground.sd_chance)
+        of_mean = ground.sd_ground**2 / PROBE_WORLDS + ground.sd_chance**2 / each
+        over = float(np.var(scores[:, :, k].mean(axis=1), ddof=1)) - of_mean
+        found.append(_Scatter(noise, ground.share, df, source, math.sqrt(max(over, (0.5 * noise) ** 2))))
+    return found, seconds, tuple(notes)
 
 
 def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
@@ -346,20 +358,6 @@ def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, 
     return analyses, list(looks.values())
 
 
-def _spread(spec: CampaignSpec, noise: float, own: int, progress: Callable[[int, int], None]) -> float:
-    """Standard deviation of an application's expected score over the region, from simulations at random settings."""
-    points = spec.region.sample(SPREAD_PROBES, generator(spec.seed, 0, "spread"))
-    settings = spec.region.decode(points)
-    results = []
-    for i, setting in enumerate(settings):
-        progress(i, SPREAD_PROBES)
-        results.append(carry_out(task_of(spec, 2**31 - 1001 - i, setting)))
-    scores = [result.scores[own].score for result in results if not result.failure]
-    if len(scores) < SPREAD_PROBES // 2:
-        return float("nan")
-    return math.sqrt(max(float(np.var(scores, ddof=1)) - noise**2, (0.5 * noise) ** 2))
-
-
 def _surfaces(
     spec: CampaignSpec, application: ApplicationSpec, noise: float, spread: float, analysis: Analysis | None
 ) -> Surfaces:
@@ -370,7 +368,7 @@ def _surfaces(
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source)
     if np.isfinite(spread):
-        source = f"random quadratics with the variation over the region of {SPREAD_PROBES} simulations"
+        source = "random quadratics with the variation over the region of these simulations"
     elif prior is not None and prior.utility is not None:
         low, high = prior.utility
         spread = float((high - low) / (2.0 * ndtri(0.5 + 0.5 * prior.probability)))

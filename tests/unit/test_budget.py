@@ -66,6 +66,15 @@ def test_as_a_campaign_really_went(runs: int, half_width: float) -> None:
     assert plans[0].half_width == pytest.approx(half_width, rel=0.25)
 
 
+def test_numbers_of_runs_differ_by_what_more_runs_give_not_by_chance() -> None:
+    known = random_surfaces(REGION, 2.0, 6.0, "", 1)
+    budget = Budget(REGION, 2, "maximize", StopRule(half_width=1.0, max_runs=99), known, REGION.centre(), 1)
+    plans = budget.by_runs(range(40, 60), 2, (0, 1))
+    narrower = [more.half_width / few.half_width for few, more in pairwise(plans)]
+    assert max(narrower) < 1.007
+    assert np.median([abs(np.log(more.loss / few.loss)) for few, more in pairwise(plans)]) < 0.1
+
+
 def test_more_runs_give_more_and_too_few_say_so() -> None:
     region = Region((*REGION.factors, CategoricalFactor("q", ("A", "B", "C"))), ())
     rule = StopRule(half_width=2.5, max_runs=20)

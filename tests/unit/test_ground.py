@@ -57,6 +57,18 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     assert ground_of_scores(np.ones((16, 2))).share == 0.0
 
 
+def test_worlds_and_occasions_at_several_settings_tell_ground_from_chance() -> None:
+    """What differs between settings is none of both."""
+    draw = np.random.default_rng(2).standard_normal
+    found = [
+        ground_of_scores(60.0 + 20.0 * draw((16, 1, 1)) + 5.0 * draw((16, 2, 1)) + 3.0 * draw((16, 2, 2)))
+        for _ in range(2000)
+    ]
+    assert np.mean([one.sd_chance**2 for one in found]) == pytest.approx(9.0, rel=0.03)
+    assert np.mean([one.sd_ground**2 + one.sd_chance**2 for one in found]) == pytest.approx(34.0, rel=0.03)
+    assert np.mean([one.share for one in found]) == pytest.approx(25.0 / 34.0, abs=0.04)
+
+
 def test_what_a_ground_does_to_a_mean_of_occasions_is_told_without_bias() -> None:
     rng = np.random.default_rng(2)
     for runs, wanted in ((1.0, 25.0), (5.0, 17.8), (np.inf, 16.0)):
