@@ -52,8 +52,6 @@ PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
     "correction": ("no correction for selection bias", lambda: [patch.object(conclude, "optimism", lambda *_: 0.0)]),
 }
 """A part, what is left without it, and what takes it out."""
-GONE = {"growth": "noise that is the same everywhere, as in the program today"}
-"""Parts that earned nothing, and were taken out of the program; the whole program of the page still had them."""
 
 
 @contextmanager
@@ -93,7 +91,7 @@ def page(rows: Sequence[Row]) -> str:
     of_whole = {(row["kind"], row["seed"]): row for row in rows if row["driver"] == WHOLE}
     paired = [(row, of_whole[row["kind"], row["seed"]]) for row in rows if row["driver"] != WHOLE]
     lines, widths = [], []
-    for part, left in {**{name: left for name, (left, _) in PARTS.items()}, **GONE}.items():
+    for part, (left, _) in PARTS.items():
         pairs = [pair for pair in paired if pair[0]["driver"] == part]
         if not pairs:
             continue
