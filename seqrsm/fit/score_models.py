@@ -1,6 +1,6 @@
 """Counts of correct decisions: a model of scores that has no closed-form posterior.
 
-For :func:`seqrsm.fit.ensemble.sample_model`: more scatter between runs than the binomial.
+For :func:`seqrsm.fit.target.general_target`: more scatter between runs than the binomial.
 """
 
 from __future__ import annotations

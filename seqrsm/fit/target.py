@@ -127,7 +127,13 @@ class Target:
 def build_target(
     Z: FloatArray, y: FloatArray, w: FloatArray, errors: Errors | None, prior: Prior, bounds: LinearBounds | None
 ) -> Target:
-    """Assemble the target; arguments as in ``sample_posterior``."""
+    """Posterior of ``y = Z beta + e``; Z (n, p), y and weights w (n,), errors None where normal, bounds cut the prior.
+
+    Raises
+    ------
+    FitError
+        Scores that cannot be used, or that the model reproduces exactly.
+    """
     base = _base(Z, y, w, prior, errors)
     if base.b == 0.0:
         raise FitError("the model reproduces every score exactly, so sigma has no posterior to sample")
