@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 import seqrsm.report.sections
 from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.ground import RANKED, Ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
@@ -197,7 +198,7 @@ def studied(two_uses: Path, tmp_path_factory: pytest.TempPathFactory):
         spec=campaign.spec,
         analyses=(first, second),
         runs=campaign.store.runs(),
-        compromise=campaign.compromise((first, second)),
+        compromise=campaign_compromise(campaign.spec, (first, second)),
     )
 
 
