@@ -263,7 +263,7 @@ def pulses(channels: tuple[str, ...], antenna_length_m: float, speed_m_s: float)
 
 
 def radar_of(
-    sensor: NamedSensor, channels: str, incidence_deg: float, cell_m: float | None = None, **ground: Any
+    sensor: NamedSensor, channels: str, incidence_deg: float, cell_m: float | None = None
 ) -> RadarConfiguration:
     """A named radar over a scene at one incidence angle.
 
@@ -277,8 +277,6 @@ def radar_of(
         At the centre of the scene.
     cell_m : float, optional
         Side of the final cell; finer ones than the product's become that.
-    **ground
-        Fields that say what is seen: season, soil moisture and the like.
 
     Raises
     ------
@@ -309,14 +307,11 @@ def radar_of(
         speed_m_s=sensor.speed_m_s,
         calibration_sd_db=sensor.calibration_sd_db,
         **pulses(both, length, sensor.speed_m_s),
-        **ground,
     )
     return with_noise(radar, sensor.noise_db(incidence_deg))
 
 
-def radiometer_of(
-    sensor: NamedSensor, channels: str, cell_m: float | None = None, **ground: Any
-) -> RadiometerConfiguration:
+def radiometer_of(sensor: NamedSensor, channels: str, cell_m: float | None = None) -> RadiometerConfiguration:
     """A named radiometer over a scene: at its incidence, or its footprint as a square at nadir, line beside line.
 
     Parameters, errors: as of `radar_of`.
@@ -338,7 +333,6 @@ def radiometer_of(
         altitude_m=1e3 * known["altitude_km"],
         speed_m_s=sensor.speed_m_s / known.get("feeds", 1.0),
         conical_incidence_deg=sensor.conical_incidence_deg,
-        **ground,
     )
     if not made.conical or "rotation_rpm" in known:
         return made

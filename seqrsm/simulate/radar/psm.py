@@ -128,7 +128,7 @@ def _form_image(
     # The last entry is the centre of the swath.
     flat = range_geometry(_places(frame, radar, grid), frame.height_m, frame.curved)
     incidence = flat.incidence_rad
-    calibration = radar.received_power_w(1.0, incidence, flat.slant_range_m, incidence - flat.turn_rad)
+    calibration = radar.received_power_w(incidence, flat.slant_range_m, incidence - flat.turn_rad)
     slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
     looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
     mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), threads)
