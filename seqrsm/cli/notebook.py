@@ -288,12 +288,12 @@ class Campaign:
             Partial F tests, each of comma-separated factors, terms or groups.
         """
         from seqrsm.analysis.compromise import campaign_compromise
-        from seqrsm.analysis.study import term_tests
+        from seqrsm.analysis.study import term_test
 
         opened = self.opened
         analyses = opened.analyse_all(application, sampler="emcee", thorough=True)
         wanted = [test] if isinstance(test, str) else test
-        tests = [term_tests(analysis, wanted) for analysis in analyses]
+        tests = [[term_test(analysis, text) for text in wanted] for analysis in analyses]
         return Fit(opened, analyses, tests, campaign_compromise(opened.spec, analyses))
 
     @_one_thread
