@@ -39,19 +39,13 @@ def exchanged(base: S, other: S, properties: Collection[str]) -> S:
     ConfigurationError
         The mixture contradicts itself.
     """
-
-    def of(name: str) -> S:
-        return other if name in properties else base
-
-    if isinstance(base, RadarConfiguration) and isinstance(other, RadarConfiguration):
-        return _radar(base, {name: of(name) for name in PROPERTIES})
-    assert isinstance(base, RadiometerConfiguration)
-    assert isinstance(other, RadiometerConfiguration)
-    return _radiometer(base, other, properties)
+    of: dict[str, Any] = {name: other if name in properties else base for name in PROPERTIES}
+    table = RADAR if isinstance(base, RadarConfiguration) else RADIOMETER
+    taken = {row.field: getattr(of[row.part], row.field) for row in table.values() if row.part}
+    return _radar(base, of, taken) if isinstance(base, RadarConfiguration) else _radiometer(base, other, of, taken)
 
 
-def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> RadarConfiguration:
-    taken: dict[str, Any] = {row.field: getattr(of[row.part], row.field) for row in RADAR.values() if row.part}
+def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration], taken: dict[str, Any]) -> RadarConfiguration:
     angle, cell = of["angle"], of["cell and looks"]
     across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
     sine = angle.slant_resolution_m / float(angle.ground_resolution_m(angle.centre_incidence_rad))
@@ -63,19 +57,17 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> Ra
 
 
 def _radiometer(
-    base: RadiometerConfiguration, other: RadiometerConfiguration, properties: Collection[str]
+    base: RadiometerConfiguration,
+    other: RadiometerConfiguration,
+    of: Mapping[str, RadiometerConfiguration],
+    taken: dict[str, Any],
 ) -> RadiometerConfiguration:
-    taken: dict[str, Any] = {
-        row.field: getattr(other if row.part in properties else base, row.field)
-        for row in RADIOMETER.values()
-        if row.part
-    }
-    angle = other if "angle" in properties else base
+    angle = of["angle"]
     taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m
     # A turn moves the beam by many footprints in the time that another scan may integrate.
     taken["integration_time_ms"] = (angle if angle.conical else base).integration_time_ms
     taken["antenna_limit_m"] = max(base.antenna_limit_m, other.antenna_limit_m)  # what is asked is not what is carried
-    if "noise" in properties:
+    if of["noise"] is other:
         # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth
         # where even a receiver without noise would have too much.
         noise_k = float(other.nedt_k(_GROUND_K))
