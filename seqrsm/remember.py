@@ -57,11 +57,7 @@ def remembered(make: Callable[[], T], made_of: object) -> T:
 def recalled(make: Callable[[], T], made_of: object) -> T:
     """What ``make`` gives, or gave lately in this process: the same object.
 
-    Parameters
-    ----------
-    make : callable
-    made_of : object
-        All that the result depends on, by its pickle.
+    ``made_of`` is all that the result depends on, by its pickle.
     """
     key = pickle.dumps(made_of)
     if key not in _recalled:

@@ -42,18 +42,7 @@ def stream_key(seed: int, run_id: int, purpose: str) -> tuple[np.uint32, np.uint
 
 
 def generator(seed: int, run_id: int, purpose: str) -> np.random.Generator:
-    """Numpy generator for the draws outside the kernels, keyed as `stream_key`.
-
-    Parameters
-    ----------
-    seed, run_id, purpose
-        As in `stream_key`.
-
-    Returns
-    -------
-    numpy.random.Generator
-        On numpy's Philox4x64-10 with a 128-bit key.
-    """
+    """Numpy generator for the draws outside the kernels, keyed as `stream_key`: Philox4x64-10 with a 128-bit key."""
     return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, run_id, purpose, 16), "little")))
 
 

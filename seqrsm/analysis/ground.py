@@ -97,14 +97,7 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
     """Prior standard deviation of the mean difference between flights and simulations over the region, score units.
 
     The real ground is one world: with this prior the difference has the variance of worlds, on average over the
-    settings that were run, in place of a guess (`seqrsm.decide.sources`).
-
-    Parameters
-    ----------
-    ground : Ground
-    model : QuadraticModel
-    points : ndarray (n, k)
-        Coded settings.
+    settings that were run, coded ``points`` (n, k), in place of a guess (`seqrsm.decide.sources`).
     """
     size = np.sum(np.square(model.matrix(points) * discrepancy_sd(model, 1.0)), axis=1)
     return float(ground.sd_ground / np.sqrt(np.mean(size)))

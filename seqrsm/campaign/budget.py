@@ -142,15 +142,11 @@ class Budget:
     def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
         """What the budget gives in different ways, and what other numbers of runs give.
 
-        Parameters
-        ----------
-        confirmation : int
-            Fresh runs that the guard "confirmation" takes of the budget.
-
         Returns
         -------
         tuple of Plan
-            The budget: as it is, with that guard, with first order, with each factor fixed.
+            The budget: as it is, with the guard "confirmation", which takes so many runs of it, with first order, with
+            each factor fixed.
         tuple of Plan
             Numbers of runs about the budget and what the models ask for, with the campaign's order and with 1.
         """

@@ -123,11 +123,8 @@ class CheckResult:
 def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
     """Validate a campaign and estimate what it will take; nothing is written.
 
-    Parameters
-    ----------
-    folder : Path
-    progress : callable
-        Told how many simulations are done of how many: first those of the noise, then those over the region.
+    ``progress`` is told how many simulations are done of how many: first those of the noise, then those over the
+    region.
 
     Raises
     ------
@@ -210,12 +207,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
     """Widen the stop target of a new simulated campaign, where it is out of reach, to what its budget reaches.
 
-    Parameters
-    ----------
-    folder : Path
-        Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written.
-    progress : callable
-        As of `check_campaign`.
+    Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written. ``progress``: as of
+    `check_campaign`.
 
     Returns
     -------

@@ -86,13 +86,7 @@ class Dossier:
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
-    """Dossier of a campaign as it stands.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    step : callable
-        Told what is being done.
+    """Dossier of a campaign as it stands; ``step`` is told what is being done.
 
     Raises
     ------

@@ -161,12 +161,7 @@ _FIELD = "[[application]] utility"
 
 
 def check_utility(text: str) -> None:
-    """Refuse a utility that images cannot be scored by, or that cannot be imported.
-
-    Parameters
-    ----------
-    text : str
-        As in ``campaign.toml``.
+    """Refuse a utility of ``campaign.toml`` that images cannot be scored by, or that cannot be imported.
 
     Raises
     ------

@@ -29,17 +29,9 @@ SYNONYMS: tuple[frozenset[str], ...] = (
 
 @lru_cache(maxsize=4096)
 def stem(word: str) -> str:
-    """``word`` without its ending: "mapping", "maps" and "map" give the same.
+    """``word``, in any case, without its ending: "mapping", "maps" and "map" give the same.
 
-    Parameters
-    ----------
-    word : str
-        One word in any case.
-
-    Returns
-    -------
-    str
-        Its stem, at least three letters long where the word is.
+    At least three letters are left of a word that has them.
     """
     word = word.lower()
     if word.endswith("ss"):

@@ -157,10 +157,7 @@ def _sources(
 def agreement(sources: Sequence[tuple[Range, ...]]) -> tuple[float, float, int]:
     """Interval that most sources cover; the lowest one, if several are covered equally often.
 
-    Parameters
-    ----------
-    sources : sequence of tuple of Range
-        Ranges of each source, at least one with a number; open sides reach without end.
+    Each source has ranges, at least one of them with a number; open sides reach without end.
 
     Returns
     -------

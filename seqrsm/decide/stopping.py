@@ -83,10 +83,7 @@ class StopRule:
     def replicates_of(self, interval: IntervalKind | None = None) -> float:
         """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
 
-        Parameters
-        ----------
-        interval : str, optional
-            The rule's own by default.
+        By default the rule's own interval.
         """
         kind = interval or self.interval
         own = {"prediction": 1.0, "prediction_mean": 1.0 / self.replicates, "confidence": 0.0}[kind]
@@ -146,15 +143,8 @@ class Forecast:
 def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
     """Forecast from one fit, with ``h = z0' (Z'WZ)^-1 z0`` falling as 1/n.
 
-    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much.
-
-    Parameters
-    ----------
-    rule : StopRule
-    n_runs, n_terms : int
-    s : float
-        Residual standard deviation, score units; nan gives nan and None.
-    h : float
+    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much. ``s`` is the residual
+    standard deviation, score units; nan gives nan and None.
     """
     if not np.isfinite(s) or not np.isfinite(h):
         return Forecast(float("nan"), float("nan"), float("nan"), None)
@@ -226,13 +216,7 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
     """Flights at the recommended settings from which on their own interval is as narrow as the target.
 
     Flights meet the real ground, of which they leave nothing unknown: only chance is left, in their mean and in what it
-    foretells.
-
-    Parameters
-    ----------
-    rule : StopRule
-    sigma : float
-        Standard deviation of one simulated run, score units.
+    foretells. ``sigma`` is the standard deviation of one simulated run, score units.
 
     Returns
     -------

@@ -251,21 +251,10 @@ class Region(OfFactors):
         return rows
 
     def jitter(self, points: FloatArray, radius: FloatArray | float, rng: np.random.Generator) -> FloatArray:
-        """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at.
+        """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at, bounds are.
 
-        They are rounded to 0.001 of the coded half-range: finer differences are no different settings of a sensor.
-
-        Parameters
-        ----------
-        points : ndarray (n, k)
-        radius : float or ndarray (n, 1)
-            Standard deviation of the moves, coded.
-        rng : numpy.random.Generator
-
-        Returns
-        -------
-        ndarray (n, k)
-            Inside the bounds of the factors.
+        The moves have a coded standard deviation ``radius``, one or (n, 1), and are rounded to 0.001 of the coded
+        half-range: finer differences are no different settings of a sensor.
         """
         moved = points.copy()
         free = list(self.continuous)

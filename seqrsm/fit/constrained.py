@@ -19,18 +19,9 @@ _DIFFERENCE, _NEARLY_ACTIVE = 1e-6, 1e-3
 
 
 def retract(region: Region, points: FloatArray, anchors: FloatArray) -> FloatArray:
-    """Draw infeasible points towards feasible anchors until they are feasible.
+    """Draw infeasible points (m, k) towards feasible anchors (m, k) until they are feasible; the others stay.
 
-    Parameters
-    ----------
-    region : Region
-    points, anchors : ndarray (m, k)
-        Equal in their discrete and categorical columns; every anchor feasible.
-
-    Returns
-    -------
-    ndarray (m, k)
-        Feasible points on the segments; a feasible point is returned as it is.
+    Points lie on the segments. Each equals its anchor in the discrete and categorical columns.
     """
     result = points.copy()
     rows = np.flatnonzero(region.slack(points) < 0.0)

@@ -172,13 +172,7 @@ class ErrorModel:
     inflation: ClassVar[float] = 1.0
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
-        """Relative weights (n,) for least squares.
-
-        Parameters
-        ----------
-        Z, y, given : ndarray (n, p), (n,), (n,)
-            Model matrix, scores on the scale of the fit, and relative weights from the scale.
-        """
+        """Relative weights (n,) for least squares, of rows Z (n, p), scores y (n,) as fitted, given weights (n,)."""
         del Z, y
         return given
 

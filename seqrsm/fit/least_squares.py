@@ -405,12 +405,7 @@ def _over(part: float, whole: float) -> float:
 
 
 def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Sum-to-zero contrasts of blocks (flight days, sources).
-
-    Parameters
-    ----------
-    block_ids : iterable (n,)
-        Block of each run; blocks are taken in the order of first appearance.
+    """Sum-to-zero contrasts of blocks (flight days, sources), taken in the order of first appearance.
 
     Returns
     -------

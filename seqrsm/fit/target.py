@@ -350,8 +350,7 @@ _A_DIMENSION = 10  # least of the former that are independent, for each dimensio
 def draws_by_importance(model: GeneralModel, n: int, rng: np.random.Generator) -> tuple[FloatArray, float] | None:
     """Draws (n, d) of a model's parameters, and how many independent ones they are worth; None where few have weight.
 
-    Of Student's distribution at the mode, then of the one with the moments that these draws tell. Errors: as of
-    `general_target`.
+    Of Student's distribution at the mode, then of one with the moments of these draws. Errors: as of `general_target`.
     """
     target = general_target(model)
     proposal: Distribution = target.proposal

@@ -103,17 +103,10 @@ def cut_patches(patch: AnyArray, spacing: int, whole: AnyArray, *, seed: int) ->
 
 
 def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
-    """Number the patches of cells that touch by a side and agree in every key.
+    """Number the patches of cells that touch by a side and agree in every key (rows, cols).
 
-    Parameters
-    ----------
-    *keys : arrays (rows, cols)
-        Category, parcel number, piece: a patch has one value of each.
-
-    Returns
-    -------
-    int32 array (rows, cols)
-        0, 1, 2, ... in the order in which patches first appear row by row.
+    Keys are category, parcel number, piece: a patch has one value of each. Numbers 0, 1, 2, ... are in the order in
+    which patches first appear row by row.
     """
     rows, cols = keys[0].shape
     # Runs of like cells in a row stand for their cells: there are far fewer of them.

@@ -61,12 +61,8 @@ def levelled(elevation_m: AnyArray, cover: AnyArray, mean_m: float) -> AnyArray:
 def fill_gaps(elevation_m: AnyArray) -> None:
     """Give cells without elevation that of the nearest cell of their row, and empty rows that of the nearest full one.
 
-    Of two as near the first. Geometry needs a surface everywhere; the cells stay without power and without score.
-
-    Parameters
-    ----------
-    elevation_m : float array (rows, cols)
-        Changed in place; at least one cell is finite.
+    In place; at least one cell is finite. Of two as near the first. Geometry needs a surface everywhere; the cells stay
+    without power and without score.
     """
     rows, cols = elevation_m.shape
     full = np.zeros(rows, dtype=np.bool_)

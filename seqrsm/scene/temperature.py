@@ -100,17 +100,7 @@ def cast_shadow(elevation_m: AnyArray, cell_m: float, sun: Sun) -> BoolArray:
 
 
 def sun_exposure(elevation_m: AnyArray, cell_m: float, sun: Sun) -> FloatArray:
-    """Exposure of each cell, 0 to 1: cosine of the sun's incidence, 0 in shadow.
-
-    Parameters
-    ----------
-    elevation_m, cell_m, sun
-        As in `cast_shadow`.
-
-    Returns
-    -------
-    float64 array (rows, cols)
-    """
+    """Exposure (rows, cols), 0 to 1: cosine of the sun's incidence, 0 in shadow; arguments as of `cast_shadow`."""
     east, north = slopes(elevation_m, cell_m)
     up = math.sin(math.radians(sun.elevation_deg))
     level = math.cos(math.radians(sun.elevation_deg))

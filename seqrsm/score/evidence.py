@@ -150,11 +150,8 @@ def evidence_of(
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
     """What an image shows, (d, n_pixels): sigma0, linear; or brightness [K] and the square of the look angle [rad2].
 
-    Parameters
-    ----------
-    image : RadarImage or RadiometerImage
-    smooth : bool
-        After Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle adds.
+    ``smooth``: after Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle
+    adds.
     """
     if isinstance(image, RadarImage):
         if smooth:

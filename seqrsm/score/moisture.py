@@ -129,14 +129,8 @@ def refuse_combination(sensors: Sequence[Sensor]) -> None:
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:
     """Standard deviation of the mean moisture of pieces of ground about that of the scene, over all occasions [m3/m3].
 
-    What a single occasion has of it changes by a fifth, where a scene is but a few correlation lengths wide.
-
-    Parameters
-    ----------
-    sensor : RadarConfiguration or RadiometerConfiguration
-    scene : Scene
-    block, field : int arrays (n,)
-        Piece of ground and field of each cell that counts.
+    What a single occasion has of it changes by a fifth, where a scene is but a few correlation lengths wide. ``block``
+    and ``field`` (n,): piece of ground and field of each cell that counts.
     """
     if not len(block):
         return 0.0

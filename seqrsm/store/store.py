@@ -184,18 +184,9 @@ class Store:
             ledger.move(run_ids, "issued", _ISSUED | {"issued_at": utc_now()})
 
     def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
-        """Issue failed runs again: those named, or all whose failure did not lie with their settings.
+        """Issue failed runs again, named ones or all whose failure did not lie with their settings; return their ids.
 
-        Parameters
-        ----------
-        run_ids : sequence of int
-        attempts : int, optional
-            Only those that were begun less often; otherwise attempts are counted anew.
-
-        Returns
-        -------
-        tuple of int
-            Their ids.
+        ``attempts``: only those that were begun less often; otherwise attempts are counted anew.
 
         Raises
         ------

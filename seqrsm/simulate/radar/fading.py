@@ -86,15 +86,10 @@ def normal_table() -> AnyArray:
 def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
     """Tables of y for the rows of an image: four coefficients of a cubic in each step of the normal variate.
 
-    Parameters
-    ----------
-    looks : float64 array (n_range,)
-        N, >= 1.
-
     Returns
     -------
     float64 array (n_tables, k), int64 array (n_range,)
-        A table for each number of looks, and which of them each row takes.
+        A table for each number of looks N >= 1, and which of them each row takes, by its ``looks`` (n_range,).
     """
     return _tables(looks.tobytes())
 

@@ -131,14 +131,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
 
     Relief moves echoes in range, so image rows at the rim would lack echoes from ground outside the swath. Rows beyond
     the swath, mirrored at the edges of the scene, stand in for that ground; they are never scored. Rings of a
-    plan-position indicator stand there themselves.
-
-    Parameters
-    ----------
-    scene : Scene
-    radar : RadarConfiguration
-    precision : {"float32", "float64"}
-        Element type of the elevations.
+    plan-position indicator stand there themselves. ``precision``, "float32" or "float64", is that of the elevations.
 
     Raises
     ------

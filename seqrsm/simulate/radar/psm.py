@@ -285,17 +285,7 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
 def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
     """Channels in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    frame : RadarFrame
-    lookups : sequence of Sigma0Lookup
-        One for each channel.
-
-    Returns
-    -------
-    list of str
-        Each as "kind: what"; empty where all is well.
+    Each as "kind: what"; ``lookups``: one for each channel.
     """
     flat = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
     theta = flat.incidence_rad

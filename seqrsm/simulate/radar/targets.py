@@ -89,11 +89,8 @@ _OPTIONAL: Final[Mapping[str, Callable[[str], Any]]] = {
 def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     """Cultural targets of a CSV file.
 
-    Parameters
-    ----------
-    path : str
-        Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
-        directions are separated by blanks.
+    Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
+    directions are separated by blanks.
 
     Raises
     ------
