@@ -30,14 +30,9 @@ _recalled: dict[bytes, object] = {}
 
 
 def remembered(make: Callable[[], T], made_of: object) -> T:
-    """What ``make`` gives, or gave before; the same bits either way.
+    """What ``make`` gives, which can be pickled, or gave before; the same bits either way.
 
-    Parameters
-    ----------
-    make : callable
-        Its result can be pickled.
-    made_of : object
-        All that the result depends on but code, by its ``repr``.
+    ``made_of`` is all that the result depends on but code, by its ``repr``.
     """
     root = cache_root()
     if root is None:

@@ -236,12 +236,9 @@ def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: flo
 
 
 def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
-    """Which rows of ``values`` (n, objectives) no other row beats: at least as good in all, better in one.
+    """Which rows (n,) of ``values`` (n, objectives) no other row beats: at least as good in all, better in one.
 
-    Returns
-    -------
-    ndarray (n,) of bool
-        Of equal rows all or none.
+    Of equal rows all or none.
     """
     better = values * np.array([sign_of(goal) for goal in goals])
     order = np.lexsort(-better.T[::-1])

@@ -264,10 +264,7 @@ class Campaign:
     ) -> tuple[RunRecord, ...]:
         """Carry out every issued simulation run; each score is durable as soon as it is there.
 
-        Returns
-        -------
-        tuple of RunRecord
-            The runs carried out in this call, failed ones included.
+        Returns the runs carried out in this call, failed ones included.
 
         Raises
         ------

@@ -207,18 +207,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
     """Widen the stop target of a new simulated campaign, where it is out of reach, to what its budget reaches.
 
-    Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written. ``progress``: as of
-    `check_campaign`.
-
-    Returns
-    -------
-    str
-        The reason, and what else could be done; "" where nothing is changed.
-
-    Raises
-    ------
-    UserError
-        As `check_campaign` does.
+    Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written. Returns the reason, and
+    what else could be done; "" where nothing is changed. ``progress`` and errors are those of `check_campaign`.
     """
     result = check_campaign(folder, progress)
     if not result.target_problem and result.plans[0].reaches(result.target):

@@ -352,10 +352,7 @@ def _new_score(application: str, found: UtilityScore, record: Mapping[str, Any])
 def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
 
-    Returns
-    -------
-    tuple of str
-        What combinations of the parameters do, such as gaps between lines, and where.
+    Returns what combinations of the parameters do, such as gaps between lines, and where.
 
     Raises
     ------
@@ -410,10 +407,7 @@ def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
 def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
 
-    Returns
-    -------
-    tuple of str
-        Each kind of note of the sensors, how often it was met, and one example.
+    Returns each kind of note of the sensors, how often it was met, and one example.
 
     Raises
     ------

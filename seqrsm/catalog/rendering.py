@@ -79,10 +79,7 @@ def _read_as(entry: Entry, parameter: str) -> str:
 def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
     """What ``entries``, such as those that `seqrsm.catalog.search` found, print for each sensor parameter.
 
-    Returns
-    -------
-    tuple of Statement
-        By parameter in the order of `PARAMETERS`, radar before radiometer, then in the order of ``entries``.
+    By parameter in the order of `PARAMETERS`, radar before radiometer, then in the order of ``entries``.
     """
     found: dict[tuple[str, str, str, str], tuple[list[str], list[str]]] = {}
     for entry in entries:

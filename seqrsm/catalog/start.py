@@ -256,14 +256,7 @@ def _none_found(words: str, system: str) -> UserError:
 
 
 def start_ranges(words: str, *, system: str = "active") -> StartRanges:
-    """Suggested start ranges and prior knowledge for an application.
-
-    Parameters
-    ----------
-    words : str
-        Words of the application, "soil moisture".
-    system : {"active", "passive"}
-        Radar or radiometer.
+    """Suggested start ranges and prior knowledge for an application, from its words; ``system``: "active" or "passive".
 
     Returns
     -------

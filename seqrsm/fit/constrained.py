@@ -156,19 +156,8 @@ def line_ascent(
 ) -> tuple[FloatArray, float]:
     """Exact maximisation along one continuous coordinate after the other, over its feasible intervals.
 
-    Parameters
-    ----------
-    region : Region
-    constant, linear, quadratic : float, ndarray (c,), ndarray (c, c)
-        Quadratic in the c continuous factors.
-    start : ndarray (k,)
-        Feasible.
-
-    Returns
-    -------
-    point : ndarray (k,)
-        Feasible, never worse than ``start``.
-    value : float
+    The quadratic in the c continuous factors has a constant, ``linear`` (c,) and ``quadratic`` (c, c); ``start`` (k,)
+    is feasible. Returns a feasible point (k,), never worse than that, and its value.
     """
     free = list(region.continuous)
     point = start.copy()

@@ -96,18 +96,9 @@ _ACTIVE_SET_ROUNDS = 12
 
 
 def quadratic_values(constant: FloatArray, linear: FloatArray, quadratic: FloatArray, points: FloatArray) -> FloatArray:
-    """Values of m quadratics, each at its own points.
+    """Values (m, n) of m quadratics, each at its own coded points (m, n, q).
 
-    Parameters
-    ----------
-    constant, linear, quadratic : ndarray (m,), (m, q), (m, q, q)
-        The quadratic ``c + x'b + x'Bx`` with symmetric B.
-    points : ndarray (m, n, q)
-        Coded points.
-
-    Returns
-    -------
-    ndarray (m, n)
+    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q).
     """
     values: FloatArray = constant[:, None] + (points @ linear[:, :, None])[..., 0]
     values += np.sum((points @ quadratic) * points, axis=-1)

@@ -82,20 +82,12 @@ def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
 
 
 def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal = "maximize") -> Optimum:
-    """Global optimum of a fitted surface over the region.
+    """Global optimum of a fitted surface, of coded coefficients ``beta`` (p,), over the region.
 
     Exact for a box with any discrete and categorical factors. Under constraints each combination of levels whose
     unconstrained bound could win is searched by 24 feasible climbs, SLSQP from the best of them, and coordinate-wise
     exact line searches over the feasible intervals; the result is feasible and never worse than any candidate of the
     region.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-        With the same factors.
-    beta : ndarray (p,)
-        Coded coefficients.
-    goal : "maximize" or "minimize"
     """
     signed = _signed(beta, goal)[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good

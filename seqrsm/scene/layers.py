@@ -151,12 +151,8 @@ def coarse_scene(scene: Scene, factor: int) -> Scene:
     """Data base of ``factor`` times wider cells: what varies smoothly is averaged, the rest is that of the middle cell.
 
     The category of one cell, not of the majority: over many cells the shares of categories stay what they are. Cells
-    left over at the far edges are dropped.
-
-    Returns
-    -------
-    Scene
-        `scene` itself where `factor` is 1, or fewer than 8 cells would be left along a side, or than there are fields.
+    left over at the far edges are dropped. `scene` itself where `factor` is 1, or fewer than 8 cells would be left
+    along a side, or than there are fields.
     """
     rows, cols = (n // factor for n in scene.shape)
     if factor == 1 or min(rows, cols) < _LEAST_SIDE or scene.n_fields > rows * cols:

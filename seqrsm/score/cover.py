@@ -138,14 +138,7 @@ def ends_of(true: IntArray, name: str, covers: Sequence[int] = ()) -> tuple[floa
     """What a guess that looks at nothing scores by a measure, and what perfect data do.
 
     The guess names everything as one cover, that which scores best, or of `FALSE_ALARMS` of all ground says that it is
-    the one sought; an area is guessed to be none.
-
-    Parameters
-    ----------
-    true : int array (n_classes,)
-        Cells of each class.
-    name, covers
-        As of `measure`.
+    the one sought; an area is guessed to be none. ``true`` (n_classes,): cells of each class; the rest as of `measure`.
     """
     share = true / true.sum()
     present = int((true > 0).sum())

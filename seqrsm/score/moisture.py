@@ -31,17 +31,8 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     A radiometer's image gives the mean of squares of 250 m (`seqrsm.score.brightness`), radars' images the moisture of
     bare fields (`seqrsm.score.bare_soil`), on each date by itself. "soil_moisture_error" is the unbiased root mean
     square error [m3/m3]: errors about their mean of each date. "soil_moisture_skill" is one less its square over the
-    variance that the truth has on average: 0 for a guess of the mean, 1 where all is known.
-
-    Parameters
-    ----------
-    images : sequence of RadarImage or RadiometerImage
-        Of one ground; one radiometer, or radars.
-    scene : Scene
-        The scene they were made of.
-    asked : Asked
-    seed, run_id : int
-        Key of the tiles that a field larger than one is divided by.
+    variance that the truth has on average: 0 for a guess of the mean, 1 where all is known. Images are of one ground,
+    by one radiometer, or radars; seed and run id key the tiles that a field larger than one is divided by.
 
     Returns
     -------

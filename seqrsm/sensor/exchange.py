@@ -22,17 +22,10 @@ _GROUND_K: Final = 300.0
 
 
 def exchanged(base: S, other: S, properties: Collection[str]) -> S:
-    """``base`` with some properties of ``other``, all else as it is.
+    """``base`` with some `PROPERTIES` of ``other``, which is of its kind, all else as it is.
 
     Of radars the cell on the ground, the looks in it and the noise-equivalent sigma0 at the centre stay what they are
     unless they are exchanged, whatever the angle and the frequency become.
-
-    Parameters
-    ----------
-    base, other : RadarConfiguration or RadiometerConfiguration
-        Of one kind.
-    properties : collection of str
-        Of `PROPERTIES`.
 
     Raises
     ------

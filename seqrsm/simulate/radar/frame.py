@@ -286,16 +286,8 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     """Scene in polar coordinates: elevation by straight lines, category and field by the nearest cell.
 
     Rings are a cell apart and reach the farthest corner of the scene; columns are at most a cell apart on the farthest
-    ring. What lies outside the scene is no data.
-
-    Parameters
-    ----------
-    scene : Scene
-    east_m, north_m : float
-        Antenna from the middle of the scene [m].
-    beamwidth_rad : float
-        Half-power width of the beam in azimuth; pixels are as wide, rounded so that their number is a multiple of 4.
-    precision : {"float32", "float64"}
+    ring. What lies outside the scene is no data. The antenna stands east and north of the middle of the scene [m].
+    Pixels are as wide as the half-power beam in azimuth, rounded so that their number is a multiple of 4.
 
     Raises
     ------

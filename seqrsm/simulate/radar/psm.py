@@ -222,14 +222,10 @@ def _mean_power(
 
 
 def _smear_range(plane: AnyArray, width: FloatArray) -> None:
-    """Average over the range response where it is wider than a bin (near range, shallow bandwidth).
+    """Average a plane (n_bins, n_pixels) in place over the range response where it is wider than a bin.
 
-    Parameters
-    ----------
-    plane : float array (n_bins, n_pixels)
-        Changed in place.
-    width : float64 array (n_bins,)
-        Width of the range response [bins]; rows with 1 or less are left alone.
+    So it is in near range and with a shallow bandwidth. ``width`` (n_bins,) is that of the range response [bins]; rows
+    with 1 or less are left alone.
     """
     rows = np.flatnonzero(width > 1.0)
     low = np.maximum(rows + 0.5 - 0.5 * width[rows], 0.0)

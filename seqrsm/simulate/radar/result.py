@@ -149,10 +149,7 @@ def rectangular_pixels(image: RadarImage) -> IntArray:
 def rectangular(layer: AnyArray, pixels: IntArray) -> AnyArray:
     """Layers (..., n_range, n_azimuth) turned into (..., height, width) by `rectangular_pixels`: means of the points.
 
-    Returns
-    -------
-    float array
-        nan where no point is seen.
+    nan where no point is seen.
     """
     flat = layer.reshape(*layer.shape[:-2], -1)
     seen = pixels >= 0
