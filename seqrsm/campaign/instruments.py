@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.campaign.engines import ENGINES, Sensor, Settings
+from seqrsm.campaign.engines import ENGINES, Settings
 from seqrsm.campaign.simulation import SimulationTask, ground_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError
-from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
+from seqrsm.sensor.exchange import PROPERTIES, Sensor, as_parameters, exchanged
 from seqrsm.sensor.named import NamedSensor, noise_equivalent_db, radar_of, radiometer_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import LAST_DAY

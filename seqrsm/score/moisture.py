@@ -17,9 +17,9 @@ from seqrsm.score.brightness import retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
 from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
+from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.visits import Sensor
 
 _DUST: Final = 1e-12  # [m6/m6]: rounding where all the ground is one field
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
-from seqrsm.sensor.named import noise_equivalent_db, pulses, with_noise
+from seqrsm.sensor.named import GROUND_K, noise_equivalent_db, pulses, with_noise
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -17,8 +17,6 @@ S = TypeVar("S", RadarConfiguration, RadiometerConfiguration)
 
 PROPERTIES: Final = ("frequency", "channels", "cell and looks", "angle", "noise")
 """What a sensor's image is owed to, each a part of its parameters (`Parameter.part`); dates are the sixth."""
-
-_GROUND_K: Final = 300.0
 
 
 def exchanged(base: S, other: S, properties: Collection[str]) -> S:
@@ -63,11 +61,11 @@ def _radiometer(
     if of["noise"] is other:
         # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth
         # where even a receiver without noise would have too much.
-        noise_k = float(other.nedt_k(_GROUND_K))
+        noise_k = float(other.nedt_k(GROUND_K))
         system_k = noise_k * float(1e3 * base.bandwidth_mhz * taken["integration_time_ms"]) ** 0.5
-        wider = max(_GROUND_K / system_k, 1.0) ** 2
+        wider = max(GROUND_K / system_k, 1.0) ** 2
         taken |= {"receiver": "total_power", "gain_fluctuation": 0.0, "bandwidth_mhz": base.bandwidth_mhz * wider}
-        taken["noise_temperature_k"] = max(system_k - _GROUND_K, 0.0)
+        taken["noise_temperature_k"] = max(system_k - GROUND_K, 0.0)
     return replace(base, **taken)
 
 

@@ -39,7 +39,7 @@ from seqrsm.sensor.radiometer import RadiometerConfiguration
 _DATA: Final = Path(__file__).with_name("data")
 _WORDS: Final = ("name", "mode", "kind", "status", "platform", "channels", "derived", "recalled", "sources", "notes")
 _AIRCRAFT_M_S: Final = 100.0
-_GROUND_K: Final = 300.0
+GROUND_K: Final = 300.0
 _GAIN_DB: Final = 40.0
 _VIEW_DEG: Final = 40.0  # of all that a synthesis from orbit offers: that at which products are told (recalled)
 _STAYS: Final = 10.0  # times the integration in which a beam that does not turn moves by its width
@@ -328,7 +328,7 @@ def radiometer_of(sensor: NamedSensor, channels: str, cell_m: float | None = Non
         resolution_m=cell,
         integration_time_ms=known["integration_time_ms"],
         bandwidth_mhz=known["bandwidth_mhz"],
-        noise_temperature_k=max(system_k - _GROUND_K, 0.0),
+        noise_temperature_k=max(system_k - GROUND_K, 0.0),
         scan_period_s=60.0 / known["rotation_rpm"] if "rotation_rpm" in known else 2.0 * cell / sensor.speed_m_s,
         altitude_m=1e3 * known["altitude_km"],
         speed_m_s=sensor.speed_m_s / known.get("feeds", 1.0),
