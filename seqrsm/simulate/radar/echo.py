@@ -269,7 +269,7 @@ def _sum_echoes(
 
 
 def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
-    """Pixel (rows, cols) of each cell of a scene: by its own elevation alone, so that nothing else need be known of it.
+    """Pixel (rows, cols) of each cell of a scene, by its own elevation alone: nothing else need be known of the echo.
 
     Row by row of the image; -1 without data or outside the image.
     """

@@ -298,7 +298,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     cell = scene.cell_m
     corner = math.hypot(0.5 * cols * cell + abs(east_m), 0.5 * rows * cell + abs(north_m))
     rings = max(math.ceil(corner / cell), 1)
-    pixels = pixels_around(beamwidth_rad)
+    pixels = max(4 * round(0.5 * math.pi / beamwidth_rad), 4)  # around
     wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
     columns = (pixels + 2) * wide
     if rings * columns > _MOST_CELLS:
@@ -330,11 +330,6 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
         place[k] = ring * columns + wide + np.minimum(column, pixels * wide - 1)
     more = {"mean_m": mean, "peak_m": peak, "quarter_turns": 0, "cell_of_scene": place, "wrapped": wide}
     return _layers(elevation, cover, field, **more)
-
-
-def pixels_around(beamwidth_rad: float) -> int:
-    """Number of pixels around, each about a beamwidth: a multiple of 4."""
-    return max(4 * round(0.5 * math.pi / beamwidth_rad), 4)
 
 
 def _sampled(scene: Scene, row: FloatArray, col: FloatArray) -> tuple[FloatArray, AnyArray, AnyArray]:
