@@ -30,14 +30,9 @@ _recalled: dict[bytes, object] = {}
 
 
 def remembered(make: Callable[[], T], made_of: object) -> T:
-    """What ``make`` gives, or gave before; the same bits either way.
+    """What ``make`` gives, which can be pickled, or gave before; the same bits either way.
 
-    Parameters
-    ----------
-    make : callable
-        Its result can be pickled.
-    made_of : object
-        All that the result depends on but code, by its ``repr``.
+    ``made_of`` is all that the result depends on but code, by its ``repr``.
     """
     root = cache_root()
     if root is None:
@@ -57,11 +52,7 @@ def remembered(make: Callable[[], T], made_of: object) -> T:
 def recalled(make: Callable[[], T], made_of: object) -> T:
     """What ``make`` gives, or gave lately in this process: the same object.
 
-    Parameters
-    ----------
-    make : callable
-    made_of : object
-        All that the result depends on, by its pickle.
+    ``made_of`` is all that the result depends on, by its pickle.
     """
     key = pickle.dumps(made_of)
     if key not in _recalled:

@@ -21,39 +21,17 @@ def _digest(seed: int, run_id: int, purpose: str, size: int) -> bytes:
 
 
 def stream_key(seed: int, run_id: int, purpose: str) -> tuple[np.uint32, np.uint32]:
-    """Key of a Philox4x32-10 stream for the kernels.
+    """Key of a Philox4x32-10 stream for the kernels, of any integers: seed of the campaign and run within it.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the campaign, any integer.
-    run_id : int
-        Run within the campaign, any integer. The same id gives the same draws.
-    purpose : str
-        What the numbers are for, such as ``"speckle"``. Streams of different purposes are unrelated.
-
-    Returns
-    -------
-    tuple of two uint32
-        The 64-bit key of Salmon et al. (2011), Parallel random numbers: as easy as 1, 2, 3.
+    The same id gives the same draws; streams of different purposes, such as ``"speckle"``, are unrelated. The key is
+    the 64-bit one of Salmon et al. (2011), Parallel random numbers: as easy as 1, 2, 3.
     """
     words: AnyArray = np.frombuffer(_digest(seed, run_id, purpose, 8), dtype="<u4")
     return np.uint32(words[0]), np.uint32(words[1])
 
 
 def generator(seed: int, run_id: int, purpose: str) -> np.random.Generator:
-    """Numpy generator for the draws outside the kernels, keyed as `stream_key`.
-
-    Parameters
-    ----------
-    seed, run_id, purpose
-        As in `stream_key`.
-
-    Returns
-    -------
-    numpy.random.Generator
-        On numpy's Philox4x64-10 with a 128-bit key.
-    """
+    """Numpy generator for the draws outside the kernels, keyed as `stream_key`: Philox4x64-10 with a 128-bit key."""
     return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, run_id, purpose, 16), "little")))
 
 

@@ -1,4 +1,4 @@
-"""What tests and studies ask of images in one call: a score in tiles of a side, an image of still ground."""
+"""What tests and studies ask for in one call: a score in tiles, an image of still ground, draws of a posterior."""
 
 from __future__ import annotations
 
@@ -8,6 +8,11 @@ from threading import current_thread, main_thread
 from typing import Any
 from unittest import mock
 
+import numpy as np
+
+from seqrsm.fit import ensemble
+from seqrsm.fit.conjugate import Flat
+from seqrsm.fit.target import build_target
 from seqrsm.scene.scene import Scene
 from seqrsm.score import evidence
 from seqrsm.score.classification import UtilityScore
@@ -43,3 +48,11 @@ def still_radiometer(scene: Scene, radiometer: Any, table: Any, **options: Any) 
 
     with mock.patch.object(prm, "draw_radiometer_occasion", still):
         return prm.simulate_radiometer(scene, radiometer, table, **options)
+
+
+def sample_posterior(
+    Z: np.ndarray, y: np.ndarray, w: Any = 1.0, *, errors: Any = None, prior: Any = None, bounds: Any = None, seed: int
+) -> ensemble.Sampled:
+    """Draws of the ensemble sampler; without more said of normal errors of one variance, under a flat prior."""
+    target = build_target(Z, y, np.broadcast_to(w, len(y)), errors, Flat() if prior is None else prior, bounds)
+    return ensemble.sample(target, seed)

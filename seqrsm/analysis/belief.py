@@ -127,7 +127,8 @@ class Belief:
         if process is None:
             return of_quadratic
         sign, few = sign_of(self.goal), process.some(FEW)
-        starts = np.vstack([of_quadratic.point[None, :], self._starts(made)])
+        cover = self.region.candidates(limit=1000)
+        starts = np.vstack([of_quadratic.point[None, :], cover, made[self.region.feasible(made)]])
         near = climb(lambda at: sign * self._mean(at, few), self.region, starts, rng)[:8]
         (point, *_) = climb(lambda at: sign * self.mean(at), self.region, near, rng, radii=RADII[-2:])
         return replace(
@@ -140,10 +141,6 @@ class Belief:
             flat=False,
             exact=False,
         )
-
-    def _starts(self, made: FloatArray) -> FloatArray:
-        cover = self.region.candidates(limit=1000)
-        return np.vstack([cover, made[self.region.feasible(made)]])
 
     def bands(
         self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: float = 1

@@ -226,12 +226,7 @@ def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
 def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: float) -> FloatArray:
     """Desirability in [0, 1]: 0 at ``unacceptable`` and beyond, 1 at ``ideal`` and beyond.
 
-    Parameters
-    ----------
-    values : ndarray
-    goal : "maximize" or "minimize"
-    unacceptable, ideal : float
-        In the order of the goal; equal ones make every value ideal.
+    The two are in the order of the goal; equal ones make every value ideal.
     """
     span = ideal - unacceptable
     if (span > 0.0) != (goal == "maximize") or span == 0.0:
@@ -241,12 +236,9 @@ def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: flo
 
 
 def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
-    """Which rows of ``values`` (n, objectives) no other row beats: at least as good in all, better in one.
+    """Which rows (n,) of ``values`` (n, objectives) no other row beats: at least as good in all, better in one.
 
-    Returns
-    -------
-    ndarray (n,) of bool
-        Of equal rows all or none.
+    Of equal rows all or none.
     """
     better = values * np.array([sign_of(goal) for goal in goals])
     order = np.lexsort(-better.T[::-1])

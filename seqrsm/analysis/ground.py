@@ -98,14 +98,7 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
     """Prior standard deviation of the mean difference between flights and simulations over the region, score units.
 
     The real ground is one world: with this prior the difference has the variance of worlds, on average over the
-    settings that were run, in place of a guess (`seqrsm.decide.sources`).
-
-    Parameters
-    ----------
-    ground : Ground
-    model : QuadraticModel
-    points : ndarray (n, k)
-        Coded settings.
+    settings that were run, coded ``points`` (n, k), in place of a guess (`seqrsm.decide.sources`).
     """
     size = np.sum(np.square(model.matrix(points) * discrepancy_sd(model, 1.0)), axis=1)
     return float(ground.sd_ground / np.sqrt(np.mean(size)))
@@ -114,15 +107,10 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
 def ranked_values(values: Sequence[Mapping[str, Any]], variance: float = 0.0) -> list[dict[str, Any]]:
     """Covers with their share of the variance of a score from ground to ground, the largest first.
 
-    A score that moves by b z + c z^2 with a standard normal z has the variance b^2 + 2 c^2.
-
-    Parameters
-    ----------
-    values : sequence of Mapping
-        ``category``, ``mean_sd``, and the change of the score by that ``up`` and ``down``.
-    variance : float
-        Of the score, in all. Covers that give more of it together, each alone, share it; where they give less, the rest
-        is owed to what does not move with a cover's mean, such as its course through the season.
+    A score that moves by b z + c z^2 with a standard normal z has the variance b^2 + 2 c^2. Of each cover are given
+    ``category``, ``mean_sd``, and the change of the score by that ``up`` and ``down``. ``variance`` is that of the
+    score, in all: covers that give more of it together, each alone, share it; where they give less, the rest is owed to
+    what does not move with a cover's mean, such as its course through the season.
     """
     half = [(0.5 * (float(v["up"]) - float(v["down"])), 0.5 * (float(v["up"]) + float(v["down"]))) for v in values]
     size = [b**2 + 2.0 * c**2 for b, c in half]

@@ -39,17 +39,11 @@ def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> flo
 
     That of the quadratic and that of the process, by their probabilities; what the process rests on stays.
 
-    Parameters
-    ----------
-    belief : Belief
-    point : ndarray (k,)
-        Recommended settings, coded.
-    rng : numpy.random.Generator
-
     Returns
     -------
     float
-        What is to be taken off, on the scale of the fit: >= 0, <= 0 where minimized; 0 without an estimate of error.
+        What is to be taken off at the coded ``point`` (k,), on the scale of the fit: >= 0, <= 0 where minimized; 0
+        without an estimate of error.
     """
     surface, region, sign = belief.surface, belief.region, sign_of(belief.goal)
     process, share, made = belief.departure.believed, belief.departure.probability, surface.data.points

@@ -77,16 +77,10 @@ class ResponseScale:
     def of(
         cls, kind: Literal["identity", "logit"], scores: FloatArray, Z: FloatArray, se: FloatArray | None = None
     ) -> ResponseScale:
-        """Put scores (n,) on the scale.
+        """Put scores (n,) on the scale; ``Z`` (n, p) is the model matrix with blocks.
 
-        Parameters
-        ----------
-        kind : "identity" or "logit"
-        scores : ndarray (n,)
-        Z : ndarray (n, p)
-            Model matrix with blocks.
-        se : ndarray (n,), optional
-            Standard errors that runs count by, > 0; a future run has their median. By default all count alike.
+        ``se`` (n,), > 0, are standard errors that runs count by; a future run has their median. By default all count
+        alike.
 
         Raises
         ------
@@ -108,13 +102,7 @@ class ResponseScale:
     ) -> ResponseScale:
         """Put shares of correct decisions on the scale; each run counts by the binomial variance of what is expected.
 
-        Parameters
-        ----------
-        kind : "identity" or "logit"
-        scores, trials : ndarray (n,)
-            Scores [%], and decisions behind each.
-        Z : ndarray (n, p)
-            Model matrix with blocks.
+        Scores (n,) [%] rest on so many ``trials`` (n,) each; ``Z`` (n, p) is the model matrix with blocks.
         """
         future, expected = float(np.median(trials)), expected_shares(Z, scores, trials)
         binomial = share_variance(expected, trials)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,27 +73,19 @@ class TermTest:
     test: FTest
 
 
-def term_tests(analysis: Analysis, asked: Sequence[str]) -> tuple[TermTest, ...]:
-    """Partial F test of each group asked for.
+def term_test(analysis: Analysis, asked: str) -> TermTest:
+    """Partial F test of a group of terms.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    asked : sequence of str
-        Each a list, joined by commas, of factors (all terms that hold them), terms, and `GROUPS`. Where a factor and a
-        term have the same name the factor is meant; ``term:NAME`` means the term.
+    ``asked``: a list, joined by commas, of factors (all terms that hold them), terms, and `GROUPS`. Where a factor and
+    a term have the same name the factor is meant; ``term:NAME`` means the term.
 
     Raises
     ------
     UserError
         A name that is none of these.
     """
-    return tuple(_one(analysis, text) for text in asked)
-
-
-def _one(analysis: Analysis, text: str) -> TermTest:
     fit, chosen = analysis.fit, set[int]()
-    for name in (part.strip() for part in text.split(",")):
+    for name in (part.strip() for part in asked.split(",")):
         found = _places(analysis, name)
         if not found:
             factors = ", ".join(analysis.region.names)
@@ -106,7 +97,7 @@ def _one(analysis: Analysis, text: str) -> TermTest:
             )
         chosen.update(found)
     places = sorted(chosen)
-    return TermTest(text, tuple(fit.names[i] for i in places), fit.partial_f(places))
+    return TermTest(asked, tuple(fit.names[i] for i in places), fit.partial_f(places))
 
 
 def _places(analysis: Analysis, name: str) -> list[int]:

@@ -1,14 +1,14 @@
 """The surface of a fit, whatever it is made from: one class, and one more for each further structure of its runs.
 
 Each holds its model of errors too. What is said of a surface beyond these members is said by none: whoever looks for
-the optimum, its intervals or the next runs asks them, and a further structure is a further class in `STRUCTURES`.
+the optimum, its intervals or the next runs asks them, and `surface_of` chooses the class.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -109,37 +109,6 @@ class Surface:
     fixed_blocks: ClassVar[bool] = True
     no_departure: ClassVar[str] = ""
 
-    @classmethod
-    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
-        """Whether runs and specification ask for this structure."""
-        del spec, data
-        return True
-
-    @classmethod
-    def of(
-        cls,
-        spec: CampaignSpec,
-        model: QuadraticModel,
-        data: ScoredRuns,
-        scale: ResponseScale,
-        fit: LeastSquaresFit,
-        ground: Ground | None = None,
-    ) -> Surface:
-        """The surface that these runs call for; ``ground`` tells how flights may differ from simulations."""
-        del ground
-        return Surface(
-            errors=spec.errors,
-            model=model,
-            data=data,
-            scale=scale,
-            fit=fit,
-            estimate=fit.estimate[: model.p],
-            s=fit.s,
-            df_residual=fit.df_residual,
-            n_terms=fit.n_terms,
-            note="",
-        )
-
     def rows(self, points: FloatArray) -> FloatArray:
         """Rows (m, c) of coded points (m, k)."""
         return self.model.matrix(points)
@@ -220,38 +189,6 @@ class RandomBlocks(Surface):
     fixed_blocks: ClassVar[bool] = False
     no_departure: ClassVar[str] = "blocks are random"
 
-    @classmethod
-    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
-        """Asked for; there must be two blocks."""
-        return spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1
-
-    @classmethod
-    def of(
-        cls,
-        spec: CampaignSpec,
-        model: QuadraticModel,
-        data: ScoredRuns,
-        scale: ResponseScale,
-        fit: LeastSquaresFit,
-        ground: Ground | None = None,
-    ) -> RandomBlocks:
-        """See `random_blocks`."""
-        del ground
-        found = random_blocks(spec, model, data, scale)
-        return cls(
-            errors=spec.errors,
-            model=model,
-            data=data,
-            scale=scale,
-            fit=fit,
-            estimate=found.estimate,
-            s=found.s_new_day,
-            df_residual=int(found.df),
-            n_terms=model.p,  # random blocks are no terms
-            note=f"{found.reason[:1].upper()}{found.reason[1:]}." if found.reason else "",
-            posterior=found,
-        )
-
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
@@ -297,61 +234,6 @@ class TwoSources(Surface):
     """Simulations and flights: the flight's surface."""
 
     both: SourceFit
-
-    @classmethod
-    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
-        """Runs of two sources."""
-        del spec
-        return len(set(data.sources)) > 1
-
-    @classmethod
-    def of(
-        cls,
-        spec: CampaignSpec,
-        model: QuadraticModel,
-        data: ScoredRuns,
-        scale: ResponseScale,
-        fit: LeastSquaresFit,
-        ground: Ground | None = None,
-    ) -> TwoSources:
-        """See `fit_sources`."""
-        flights = np.array([source == "flight" for source in data.sources])
-        prior_sd, ratio = expected_of_flights(spec, model, data, scale, ground)
-        found = fit_sources(
-            model,
-            data.points,
-            scale.values,
-            flights,
-            weights=fit.weights,
-            extra=blocks_within(block_labels(spec, data), flights),
-            prior_sd=prior_sd,
-            ratio=ratio,
-        )
-        off = abs(float((found.estimate - found.simulation)[0])) / found.prior_sd
-        note = ""
-        if off > _TOO_FAR:
-            note = (
-                f"Flights depart from simulations by {off:.1f} times the prior standard deviation, which draws the "
-                "estimate towards the simulations: raise [model] discrepancy_sd."
-            )
-        elif found.prior_driven:
-            note = (
-                f"With {found.n_flights} flights the difference between flight and simulation is mostly what the prior "
-                "says ([model] discrepancy_sd)."
-            )
-        return cls(
-            errors=spec.errors,
-            model=model,
-            data=data,
-            scale=scale,
-            fit=fit,
-            estimate=found.estimate,
-            s=found.s,
-            df_residual=int(found.df_residual),
-            n_terms=fit.n_terms,
-            note=note,
-            both=found,
-        )
 
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
@@ -439,10 +321,6 @@ def expected_of_flights(
     return prior_sd, 1.0 / (1.0 - ground.share)
 
 
-STRUCTURES: Final = (RandomBlocks, TwoSources, Surface)
-"""Structures of sources and blocks; the first that suits is taken."""
-
-
 def surface_of(
     spec: CampaignSpec,
     model: QuadraticModel,
@@ -451,15 +329,46 @@ def surface_of(
     fit: LeastSquaresFit,
     ground: Ground | None,
 ) -> Surface:
-    """The surface that runs and specification call for, with what was measured of the ground.
+    """The surface that runs and specification call for; ``ground`` tells how flights may differ from simulations.
 
     Raises
     ------
     FitError
         What the structure cannot be fitted to, `random_blocks`.
     """
-    structure = next(each for each in STRUCTURES if each.suits(spec, data))
-    return structure.of(spec, model, data, scale, fit, ground)
+    given = (spec.errors, model, data, scale, fit)
+    if spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1:
+        days = random_blocks(spec, model, data, scale)
+        note = f"{days.reason[:1].upper()}{days.reason[1:]}." if days.reason else ""
+        # random blocks are no terms
+        return RandomBlocks(*given, days.estimate, days.s_new_day, int(days.df), model.p, note, days)
+    if len(set(data.sources)) == 1:
+        return Surface(*given, fit.estimate[: model.p], fit.s, fit.df_residual, fit.n_terms, "")
+    flights = np.array([source == "flight" for source in data.sources])
+    prior_sd, ratio = expected_of_flights(spec, model, data, scale, ground)
+    both = fit_sources(
+        model,
+        data.points,
+        scale.values,
+        flights,
+        weights=fit.weights,
+        extra=blocks_within(block_labels(spec, data), flights),
+        prior_sd=prior_sd,
+        ratio=ratio,
+    )
+    off = abs(float((both.estimate - both.simulation)[0])) / both.prior_sd
+    note = ""
+    if off > _TOO_FAR:
+        note = (
+            f"Flights depart from simulations by {off:.1f} times the prior standard deviation, which draws the "
+            "estimate towards the simulations: raise [model] discrepancy_sd."
+        )
+    elif both.prior_driven:
+        note = (
+            f"With {both.n_flights} flights the difference between flight and simulation is mostly what the prior "
+            "says ([model] discrepancy_sd)."
+        )
+    return TwoSources(*given, both.estimate, both.s, int(both.df_residual), fit.n_terms, note, both)
 
 
 def random_blocks(

@@ -17,7 +17,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.fit.canonical import within_error
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
-from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.natural import natural_transform
 
 
 def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def _covariance(analysis: Analysis) -> dict[str, Any]:
 
 def _natural(analysis: Analysis) -> list[dict[str, float]]:
     """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
-    found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
+    found = analysis.fit.predict(natural_transform(analysis.model), analysis.optimum.level)
     columns = np.full((analysis.fit.n_terms, 4), np.nan)
     columns[: analysis.model.p] = np.column_stack(
         [found.mean, found.se_mean, found.confidence.low, found.confidence.high]

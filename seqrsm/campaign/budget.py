@@ -142,15 +142,11 @@ class Budget:
     def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
         """What the budget gives in different ways, and what other numbers of runs give.
 
-        Parameters
-        ----------
-        confirmation : int
-            Fresh runs that the guard "confirmation" takes of the budget.
-
         Returns
         -------
         tuple of Plan
-            The budget: as it is, with that guard, with first order, with each factor fixed.
+            The budget: as it is, with the guard "confirmation", which takes so many runs of it, with first order, with
+            each factor fixed.
         tuple of Plan
             Numbers of runs about the budget and what the models ask for, with the campaign's order and with 1.
         """
@@ -173,22 +169,9 @@ class Budget:
         return tuple(at_budget), tuple(plan for plans in zip(*by_order, strict=True) for plan in plans)
 
     def by_runs(self, counts: Sequence[int], order: int, kept: Sequence[int], change: str = "") -> list[Plan]:
-        """What numbers of runs give.
+        """What numbers of runs give: a plan for each, none where no two settings are left.
 
-        Parameters
-        ----------
-        counts : sequence of int
-        order : int
-            Of the model.
-        kept : sequence of int
-            Factors that are varied; the others are fixed.
-        change : str
-            As of `Plan`.
-
-        Returns
-        -------
-        list of Plan
-            One for each number; none where no two settings are left.
+        The model is of this ``order``, factors that are not ``kept`` are fixed; ``change`` is that of `Plan`.
         """
         model = QuadraticModel(tuple(self.region.factors[j] for j in kept), order)
         points = self._cloud.copy()

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import (
     COVER_OCCASIONS,
@@ -123,10 +122,6 @@ class Campaign:
             return remembered(partial(made, ranked=ranked, thorough=True), of)
 
         return tuple(found(app) for app in wanted)
-
-    def compromise(self, analyses: Sequence[Analysis] | None = None) -> CompromiseEstimate | None:
-        """The compromise over all applications and considerations; None where there is nothing to weigh."""
-        return campaign_compromise(self.spec, self.analyse_all() if analyses is None else analyses)
 
     def look(self) -> tuple[Analysis, ...]:
         """Analyse what is there and record it once: a second look at the same runs is not a look.
@@ -269,10 +264,7 @@ class Campaign:
     ) -> tuple[RunRecord, ...]:
         """Carry out every issued simulation run; each score is durable as soon as it is there.
 
-        Returns
-        -------
-        tuple of RunRecord
-            The runs carried out in this call, failed ones included.
+        Returns the runs carried out in this call, failed ones included.
 
         Raises
         ------

@@ -140,21 +140,9 @@ def measure_candidates(
 ) -> dict[str, Any]:
     """Compare every candidate with the optimum of every application.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With scores enough for a surface.
-    worlds : int
-        Grounds that are drawn, at least 4.
-    workers : int
-        Processes.
-    progress : callable
-        Told of (done, all) candidates.
-
-    Returns
-    -------
-    dict
-        Plain values; also written to `FILE` of the campaign's folder.
+    The campaign has scores enough for a surface. At least 4 ``worlds``, grounds, are drawn; ``workers`` are processes;
+    ``progress`` is told of (done, all) candidates. The result is of plain values, and also written to `FILE` of the
+    campaign's folder.
 
     Raises
     ------

@@ -120,11 +120,7 @@ class CheckResult:
 def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
     """Validate a campaign and estimate what it will take; nothing is written.
 
-    Parameters
-    ----------
-    folder : Path
-    progress : callable
-        Told how many simulations are done of how many.
+    ``progress`` is told how many simulations are done of how many.
 
     Raises
     ------
@@ -201,22 +197,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
     """Widen the stop target of a new simulated campaign, where it is out of reach, to what its budget reaches.
 
-    Parameters
-    ----------
-    folder : Path
-        Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written.
-    progress : callable
-        As of `check_campaign`.
-
-    Returns
-    -------
-    str
-        The reason, and what else could be done; "" where nothing is changed.
-
-    Raises
-    ------
-    UserError
-        As `check_campaign` does.
+    Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written. Returns the reason, and
+    what else could be done; "" where nothing is changed. ``progress`` and errors are those of `check_campaign`.
     """
     result = check_campaign(folder, progress)
     if not result.target_problem and result.plans[0].reaches(result.target):

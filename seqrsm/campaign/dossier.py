@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from seqrsm import __version__
-from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
@@ -86,13 +86,7 @@ class Dossier:
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
-    """Dossier of a campaign as it stands.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    step : callable
-        Told what is being done.
+    """Dossier of a campaign as it stands; ``step`` is told what is being done.
 
     Raises
     ------
@@ -127,7 +121,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         assumptions=notes,
         provenance=_provenance(campaign, scene),
         reproduce=_reproduce(campaign, more_asked),
-        compromise=campaign.compromise(analyses),
+        compromise=campaign_compromise(spec, analyses),
         tradeoff=tradeoff,
         candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},

@@ -19,13 +19,13 @@ from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
+from seqrsm.score.evidence import Image
 from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import UTILITIES, asked_for
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.hardware import Limit, limits
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import look_up
@@ -34,10 +34,7 @@ from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
 from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
-from seqrsm.simulate.radiometer.result import RadiometerImage
 
-Image = RadarImage | RadiometerImage
-Sensor = RadarConfiguration | RadiometerConfiguration
 Settings = Mapping[str, float | str]
 CANNOT_BE_BUILT: Final = "this radar cannot be built"
 
@@ -161,12 +158,7 @@ _FIELD = "[[application]] utility"
 
 
 def check_utility(text: str) -> None:
-    """Refuse a utility that images cannot be scored by, or that cannot be imported.
-
-    Parameters
-    ----------
-    text : str
-        As in ``campaign.toml``.
+    """Refuse a utility of ``campaign.toml`` that images cannot be scored by, or that cannot be imported.
 
     Raises
     ------

@@ -24,23 +24,11 @@ _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ...]:
-    """Write the whole campaign to a file.
+    """Write the whole campaign to a file; return the files written, each of which appears only when it is complete.
 
-    Parameters
-    ----------
-    store : Store
-        Open.
-    spec : CampaignSpec
-        Its factors give the columns of settings.
-    path : Path or str
-        ``NAME.json``: one document with specification, runs, scores, looks, events and files. ``NAME.csv``: a row for
-        each score (and for each run without one), units of factors and cost in its header, which `ingest` reads back;
-        looks, events and files go to ``NAME.looks.csv`` and so on beside it.
-
-    Returns
-    -------
-    tuple of Path
-        The files written; each appears only when it is complete.
+    ``NAME.json``: one document with specification, runs, scores, looks, events and files. ``NAME.csv``: a row for each
+    score (and for each run without one), units of factors and cost in its header, which `ingest` reads back; looks,
+    events and files go to ``NAME.looks.csv`` and so on beside it.
 
     Raises
     ------

@@ -262,14 +262,7 @@ class ImagePanel:
 def report_pictures(
     spec: CampaignSpec, chosen: Mapping[str, Mapping[str, float | str]]
 ) -> tuple[tuple[ImagePanel, ...], int, tuple[str, ...]]:
-    """Simulate the pictures of a report, all on one occasion, in one calibration.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-        With a simulator.
-    chosen : Mapping
-        From `chosen_settings`.
+    """Simulate the pictures of a report at settings of `chosen_settings`, all on one occasion, in one calibration.
 
     Returns
     -------

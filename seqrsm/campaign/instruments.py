@@ -6,23 +6,21 @@ It keeps its own noise, angles, looks, cell and dates; platform and ground are t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.campaign.engines import ENGINES, Sensor
+from seqrsm.campaign.engines import ENGINES, Settings
 from seqrsm.campaign.simulation import SimulationTask, ground_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError
-from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
+from seqrsm.sensor.exchange import PROPERTIES, Sensor, as_parameters, exchanged
 from seqrsm.sensor.named import NamedSensor, noise_equivalent_db, radar_of, radiometer_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import LAST_DAY
 from seqrsm.spec.read import CampaignSpec
-
-Settings = Mapping[str, float | str]
 
 _COARSER: Final = (1.0, 1.4, 2.0, 2.8, 4.0)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
-from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
@@ -252,7 +252,7 @@ class _ClosedLoop:
             analyses = tuple(replace(analysis, steps=(), thorough=False) for analysis in thorough)
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
-        compromise = campaign.compromise(analyses)
+        compromise = campaign_compromise(campaign.spec, analyses)
         return Outcome(held, analyses, self.seconds, n_scored, compromise, rests)
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:

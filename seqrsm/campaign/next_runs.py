@@ -130,7 +130,7 @@ class _Chooser:
     def __init__(self, spec: CampaignSpec, analysis: Analysis) -> None:
         self.spec, self.analysis = spec, analysis
         self.model = QuadraticModel(spec.factors, spec.model.order)
-        self.scale = analysis.scale
+        self.target = analysis.optimum.point
 
     def batch(
         self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int
@@ -152,11 +152,11 @@ class _Chooser:
         return propose_from_process(
             process,
             self.spec.region,
-            self.target(),
+            self.target,
             self.spec.region.code([run.settings for run in done]),
             np.array([run.pending for run in done], dtype=np.bool_),
             n,
-            weight=float(self.weights(self.target()[None, :])[0]),
+            weight=float(self.weights(self.target[None, :])[0]),
             barred=barred,
             sign=sign_of(self.analysis.goal),
             seed=batch_seed(self.spec.seed, len(done)),
@@ -188,10 +188,11 @@ class _Chooser:
             rows = lambda at: np.hstack([of_model(at), np.tile(effects, (len(at), 1))])  # noqa: E731
             doubt = _DAY_PRECISION if ties is not None else _DAY_KNOWN
             precision = _with_day(precision, Z.shape[1] + columns.shape[1], doubt)
-        weights, weight = self.weights(points), float(self.weights(self.target()[None, :])[0])
+        weights, weight = self.weights(points), float(self.weights(self.target[None, :])[0])
         if two:
-            weights = np.where(flights, self.flight_weight() * weights, weights)
-            weight *= self.flight_weight() if source == "flight" else 1.0
+            of_flight = self.difference()[1]
+            weights = np.where(flights, of_flight * weights, weights)
+            weight *= of_flight if source == "flight" else 1.0
         cost = self.spec.cost.compared(source)
         return propose_batch(
             self.model,
@@ -216,32 +217,26 @@ class _Chooser:
         """Where the optimum is."""
         found = self.analysis.posterior.optimum_points[:_TARGETS]
         rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
-        return Sought(self.target(), found, rows)
+        return Sought(self.target, found, rows)
 
-    def flight_weight(self) -> float:
-        found = self.analysis.sources
-        return self.of_flights()[1] if found is None else found.both.flight_weight
-
-    def of_flights(self) -> tuple[float, float]:
-        """What is expected of flights before the first."""
-        fitted = self.analysis.fitted
-        return expected_of_flights(self.spec, self.model, fitted.data, self.scale, fitted.ground)
-
-    def target(self) -> FloatArray:
-        return self.analysis.optimum.point
+    def difference(self) -> tuple[float, float, float]:
+        """Prior sd of flights less simulations, weight of a flight, sigma of simulations; expected before flights."""
+        fitted, found = self.analysis.fitted, self.analysis.sources
+        if found is not None:
+            return found.both.prior_sd, found.both.flight_weight, found.both.s_simulation
+        expected = expected_of_flights(self.spec, self.model, fitted.data, self.analysis.scale, fitted.ground)
+        return *expected, self.analysis.fit.s
 
     def weights(self, points: FloatArray) -> FloatArray:
         """Relative weights of runs, by the response expected there."""
-        return self.scale.weight_at(self.model.matrix(points) @ self.analysis.fitted.surface.estimate)
+        return self.analysis.scale.weight_at(self.model.matrix(points) @ self.analysis.fitted.surface.estimate)
 
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""
         application = self.spec.application(self.analysis.application)
         prior = stated_prior(self.spec, application, self.model)
         if two:
-            found, s = self.analysis.sources, self.analysis.fit.s
-            sd = self.of_flights()[0] if found is None else found.both.prior_sd
-            sigma = s if found is None else found.both.s_simulation
+            sd, _, sigma = self.difference()
             return source_prior(self.model, 0, sd, sigma, prior).Lambda0
         return None if prior is None else prior.Lambda0
 

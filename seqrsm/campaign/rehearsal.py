@@ -46,10 +46,7 @@ class _Truth:
 def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
     """Rehearse the first application's campaign from what is believed now.
 
-    Returns
-    -------
-    dict
-        ``campaigns``; ``rows``: label and text; ``notes``; and the plain numbers under ``numbers``.
+    Returns ``campaigns``; ``rows``: label and text; ``notes``; and the plain numbers under ``numbers``.
 
     Raises
     ------

@@ -24,17 +24,7 @@ _EVEN: Final = Fields("even", (0.0, 0.0), (1.0, 1.0), 0.0, 0.0)
 def rests_on(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[str, float]:
     """Shares of the scored area whose mean backscatter or emissivity is measured, published, computed, assumed.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-        With a simulator.
-    settings : Mapping
-        Of the sensor; the mean is taken over its channels.
-
-    Returns
-    -------
-    dict
-        Share by status, the best known first; 1 in all, shares of 0 left out.
+    By status, the best known first; 1 in all, shares of 0 left out. The mean is taken over the sensor's channels.
     """
     found, area, _ = _looked_up(spec, settings)
     shares = dict.fromkeys(("measured", "published", "computed", "assumed"), 0.0)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
-from seqrsm.campaign.engines import ENGINES, Image, Sensor, Settings, check_utility, loaded, score_by
+from seqrsm.campaign.engines import ENGINES, Settings, check_utility, loaded, score_by
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -24,10 +24,11 @@ from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
-from seqrsm.score.evidence import TILE_M
+from seqrsm.score.evidence import TILE_M, Image
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
+from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import Member, members_of
 from seqrsm.simulate.runner import local_file
@@ -352,10 +353,7 @@ def _new_score(application: str, found: UtilityScore, record: Mapping[str, Any])
 def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
 
-    Returns
-    -------
-    tuple of str
-        What combinations of the parameters do, such as gaps between lines, and where.
+    Returns what combinations of the parameters do, such as gaps between lines, and where.
 
     Raises
     ------
@@ -410,10 +408,7 @@ def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
 def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
 
-    Returns
-    -------
-    tuple of str
-        Each kind of note of the sensors, how often it was met, and one example.
+    Returns each kind of note of the sensors, how often it was met, and one example.
 
     Raises
     ------

@@ -26,13 +26,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     """Runs by state and source, what the scores say so far of each application, and whether to stop.
 
     Where scores came in after the last look (measured ones have none), a look is taken here and not recorded.
-
-    Parameters
-    ----------
-    folder : Path
-        The campaign's folder.
-    history : bool
-        Add every event.
+    ``history`` adds every event.
 
     Raises
     ------

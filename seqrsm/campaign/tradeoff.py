@@ -41,23 +41,10 @@ _CONSIDERED, _COMPARED, _OCCASIONS = 60, 3, 2
 def measure_tradeoff(
     spec: CampaignSpec, *, configurations: int, occasions: int, progress: Callable[[int, int], None]
 ) -> dict[str, Any]:
-    """Measure, or go on measuring, the trade-off of a campaign.
+    """Measure, or go on measuring, the trade-off of a campaign: plain values, also written to `FILE`.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-        With a simulator.
-    configurations : int
-        Settings spread over the region, the centre among them.
-    occasions : int
-        Occasions on which each is simulated on every database, the same for all.
-    progress : callable
-        Told of (done, all) configurations.
-
-    Returns
-    -------
-    dict
-        Plain values; also written to `FILE`.
+    So many ``configurations``, settings spread over the region with the centre among them, are each simulated on so
+    many ``occasions`` on every database, the same for all. ``progress`` is told of (done, all) configurations.
 
     Raises
     ------
@@ -97,12 +84,8 @@ def _kept(folder: Path) -> dict[str, Any]:
 def coarsest_within(spec: CampaignSpec) -> dict[str, Any]:
     """The coarsest database whose scores differ by no more than the campaign's tolerance, root mean square.
 
-    Measured at settings from the finest to the coarsest sensor, for which most cells are averaged.
-
-    Returns
-    -------
-    dict
-        ``cells``: of `LEVELS`; ``tolerance``; ``rms_error``: of each that was compared, the worst application's.
+    Measured at settings from the finest to the coarsest sensor, for which most cells are averaged. Returns ``cells``,
+    of `LEVELS`; ``tolerance``; ``rms_error``, of each that was compared, the worst application's.
     """
     assert spec.simulator is not None
     tolerance = spec.simulator.tolerance

@@ -77,17 +77,9 @@ def _read_as(entry: Entry, parameter: str) -> str:
 
 
 def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
-    """What ``entries`` print for each sensor parameter.
+    """What ``entries``, such as those that `seqrsm.catalog.search` found, print for each sensor parameter.
 
-    Parameters
-    ----------
-    entries : iterable of Entry
-        For instance what `seqrsm.catalog.search` found.
-
-    Returns
-    -------
-    tuple of Statement
-        By parameter in the order of `PARAMETERS`, radar before radiometer, then in the order of ``entries``.
+    By parameter in the order of `PARAMETERS`, radar before radiometer, then in the order of ``entries``.
     """
     found: dict[tuple[str, str, str, str], tuple[list[str], list[str]]] = {}
     for entry in entries:
@@ -106,17 +98,10 @@ def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
 
 
 def to_json(result: object) -> Any:
-    """A result as dictionaries, lists, strings and numbers, every field of it by its name.
+    """Any result of this package as dictionaries, lists, strings and numbers, which ``json.dumps`` takes.
 
-    Parameters
-    ----------
-    result : any result of this package
-        Dataclasses become dictionaries, sequences lists; an open or unprinted number is None.
-
-    Returns
-    -------
-    dict, list, str, float, int, bool or None
-        What ``json.dumps`` takes.
+    Every field of it by its name. Dataclasses become dictionaries, sequences lists; an open or unprinted number is
+    None.
     """
     if is_dataclass(result) and not isinstance(result, type):
         document = {field.name: to_json(getattr(result, field.name)) for field in fields(result)}

@@ -29,17 +29,9 @@ SYNONYMS: tuple[frozenset[str], ...] = (
 
 @lru_cache(maxsize=4096)
 def stem(word: str) -> str:
-    """``word`` without its ending: "mapping", "maps" and "map" give the same.
+    """``word``, in any case, without its ending: "mapping", "maps" and "map" give the same.
 
-    Parameters
-    ----------
-    word : str
-        One word in any case.
-
-    Returns
-    -------
-    str
-        Its stem, at least three letters long where the word is.
+    At least three letters are left of a word that has them.
     """
     word = word.lower()
     if word.endswith("ss"):
@@ -95,12 +87,8 @@ def _rank(words: Iterable[str], entry: Entry) -> tuple[int, int] | None:
 def search(words: str, *, system: str | None = None) -> tuple[Entry, ...]:
     """Entries of Tables A.1 to A.20 whose application or user category holds every one of ``words``.
 
-    Parameters
-    ----------
-    words : str
-        Words in any order and case. Without any, every entry is found.
-    system : {"active", "passive"}, optional
-        Only radar or only radiometer entries.
+    Words may stand in any order and case; without any, every entry is found. ``system``, "active" or "passive": only
+    radar or only radiometer entries.
 
     Returns
     -------

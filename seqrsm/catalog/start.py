@@ -157,10 +157,7 @@ def _sources(
 def agreement(sources: Sequence[tuple[Range, ...]]) -> tuple[float, float, int]:
     """Interval that most sources cover; the lowest one, if several are covered equally often.
 
-    Parameters
-    ----------
-    sources : sequence of tuple of Range
-        Ranges of each source, at least one with a number; open sides reach without end.
+    Each source has ranges, at least one of them with a number; open sides reach without end.
 
     Returns
     -------
@@ -259,14 +256,7 @@ def _none_found(words: str, system: str) -> UserError:
 
 
 def start_ranges(words: str, *, system: str = "active") -> StartRanges:
-    """Suggested start ranges and prior knowledge for an application.
-
-    Parameters
-    ----------
-    words : str
-        Words of the application, "soil moisture".
-    system : {"active", "passive"}
-        Radar or radiometer.
+    """Suggested start ranges and prior knowledge for an application, from its words; ``system``: "active" or "passive".
 
     Returns
     -------

@@ -355,13 +355,7 @@ def _platforms() -> tuple[Platform, ...]:
 
 @lru_cache(maxsize=1)
 def load_catalog() -> Catalog:
-    """The catalogue, read on the first call and kept.
-
-    Returns
-    -------
-    Catalog
-        Tables A.1 to A.39 of RSL TR 380-1, Appendix A.
-    """
+    """Tables A.1 to A.39 of RSL TR 380-1, Appendix A, read on the first call and kept."""
     rows = rows_of("tables.csv")
     entries, platforms = _entries(rows), _platforms()
     tables = []

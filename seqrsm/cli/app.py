@@ -517,7 +517,6 @@ def help_on(
     ] = None,
 ) -> None:
     """Print the guides on a topic, or list topics."""
-    from seqrsm.cli.console import line
     from seqrsm.cli.guides import about, show, topics
 
     if words:

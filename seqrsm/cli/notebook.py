@@ -287,13 +287,14 @@ class Campaign:
         test : str or sequence of str
             Partial F tests, each of comma-separated factors, terms or groups.
         """
-        from seqrsm.analysis.study import term_tests
+        from seqrsm.analysis.compromise import campaign_compromise
+        from seqrsm.analysis.study import term_test
 
         opened = self.opened
         analyses = opened.analyse_all(application, sampler="emcee", thorough=True)
         wanted = [test] if isinstance(test, str) else test
-        tests = [term_tests(analysis, wanted) for analysis in analyses]
-        return Fit(opened, analyses, tests, opened.compromise(analyses))
+        tests = [[term_test(analysis, text) for text in wanted] for analysis in analyses]
+        return Fit(opened, analyses, tests, campaign_compromise(opened.spec, analyses))
 
     @_one_thread
     def candidates(self, *, worlds: int = 16, workers: int = 1, progress: Any = lambda done, of: None) -> Candidates:
@@ -517,10 +518,8 @@ class Fit(Sections):
             for kind in ("confidence", "prediction", "prediction_mean"):
                 interval = getattr(best, kind)
                 row |= {f"{kind}_low": interval.low, f"{kind}_high": interval.high}
-            decision = analysis.decision
-            rows.append(
-                {**row, "half_width": decision.half_width, "n_runs": analysis.fit.n_runs, "stop": decision.held}
-            )
+            row |= {"half_width": analysis.decision.half_width, "n_runs": analysis.fit.n_runs}
+            rows.append({**row, "stop": analysis.decision.held})
         return pd.DataFrame(rows)
 
     def plot(self) -> Plot:

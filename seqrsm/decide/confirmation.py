@@ -60,14 +60,7 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
     """Interval of the mean utility at the recommended settings from fresh runs alone.
 
     Its coverage is exact for normal noise whatever the design and the stopping rule were, because the settings were
-    fixed before these runs.
-
-    Parameters
-    ----------
-    scores : array_like (m,)
-        Scores of the fresh runs, m >= 2.
-    level : float
-        Two-sided probability, in (0, 1).
+    fixed before these runs. There are m >= 2 ``scores`` (m,); ``level`` is the two-sided probability, in (0, 1).
 
     Raises
     ------
@@ -92,24 +85,13 @@ _FEW = 10
 
 
 def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0.95) -> ConfirmationInterval:
-    """Interval of the mean of fresh runs whose scores are shares of correct decisions.
+    """Interval [%] of the mean of m >= 2 fresh runs whose scores are shares of correct decisions.
 
     The score interval of the pooled share (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212): all p for which
     (share - p)^2 <= t^2 phi p (1 - p) / N, with the dispersion phi that the runs show among each other (1: decisions
     are independent) and Student's t for it. It does not leave 0 to 100 and is skewed as counts are. With fewer than ten
-    right or wrong decisions phi is next to unknown; then the interval holds that of independent decisions, too.
-
-    Parameters
-    ----------
-    correct, trials : array_like (m,)
-        Of every fresh run, 0 <= correct <= trials, m >= 2.
-    level : float
-        Two-sided probability, in (0, 1).
-
-    Returns
-    -------
-    ConfirmationInterval
-        In percent.
+    right or wrong decisions phi is next to unknown; then the interval holds that of independent decisions, too. Of each
+    run 0 <= correct <= trials, (m,); ``level`` is the two-sided probability, in (0, 1).
 
     Raises
     ------

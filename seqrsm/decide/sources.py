@@ -49,19 +49,7 @@ def guessed_sd(y: FloatArray) -> float:
 
 
 def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray) -> FloatArray:
-    """Rows [z, z] of flights and [z, 0] of simulations.
-
-    Parameters
-    ----------
-    model : QuadraticModel
-    points : ndarray (n, k)
-        Coded.
-    is_flight : ndarray (n,) of bool
-
-    Returns
-    -------
-    ndarray (n, 2 p)
-    """
+    """Rows (n, 2 p) of coded ``points`` (n, k): [z, z] of flights and [z, 0] of simulations."""
     Z = model.matrix(points)
     return np.hstack([Z, Z * np.asarray(is_flight)[:, None]])
 
@@ -223,12 +211,7 @@ class SourceFit:
     ) -> tuple[FloatArray, FloatArray]:
         """Draws of all coefficients (n, c) and of the standard deviation (n,) of one flight, in no order.
 
-        Parameters
-        ----------
-        n : int
-        rng : numpy.random.Generator
-        base : NormalInverseGamma, optional
-            Prior of the model terms; that of the fit by default.
+        ``base``: prior of the model terms; that of the fit by default.
         """
         given = self.by_ratio
         if base is not None:

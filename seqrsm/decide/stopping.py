@@ -83,10 +83,7 @@ class StopRule:
     def replicates_of(self, interval: IntervalKind | None = None) -> float:
         """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
 
-        Parameters
-        ----------
-        interval : str, optional
-            The rule's own by default.
+        By default the rule's own interval.
         """
         kind = interval or self.interval
         own = {"prediction": 1.0, "prediction_mean": 1.0 / self.replicates, "confidence": 0.0}[kind]
@@ -102,12 +99,8 @@ class StopRule:
     ) -> FloatArray:
         """Half-width that the rule looks at, score units; nan without residual degrees of freedom.
 
-        Parameters
-        ----------
-        s, df_residual, h : array_like
-            Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
-        interval : str, optional
-            The rule's own by default.
+        Of the residual standard deviation ``s``, its degrees of freedom, and ``h = z0' (Z'WZ)^-1 z0``; by default of
+        the rule's own interval.
         """
         runs = self.replicates_of(interval)
         return np.asarray(t_quantile(df_residual, self.level) * np.asarray(s) * np.sqrt(1.0 / runs + np.asarray(h)))
@@ -146,15 +139,8 @@ class Forecast:
 def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
     """Forecast from one fit, with ``h = z0' (Z'WZ)^-1 z0`` falling as 1/n.
 
-    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much.
-
-    Parameters
-    ----------
-    rule : StopRule
-    n_runs, n_terms : int
-    s : float
-        Residual standard deviation, score units; nan gives nan and None.
-    h : float
+    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much. ``s`` is the residual
+    standard deviation, score units; nan gives nan and None.
     """
     if not np.isfinite(s) or not np.isfinite(h):
         return Forecast(float("nan"), float("nan"), float("nan"), None)
@@ -173,26 +159,11 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
 
 
 def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -> str:
-    """Why a rule can never hold with noise ``sigma``; empty when it might.
+    """Why a rule can never hold with noise ``sigma``, score units, for ``n_terms`` of the model; empty when it might.
 
     Refused is only what is impossible: the variance of the mean at any settings is at least that of ``max_runs``
-    repeats there, ``h >= 1 / max_runs``. The attainable half-width quoted has the average leverage
-    ``h = p / max_runs``.
-
-    Parameters
-    ----------
-    rule : StopRule
-    sigma : float
-        Standard deviation of one run, score units.
-    n_terms : int
-        Terms of the model.
-    unit : str
-        Unit of the score, for the sentence.
-
-    Returns
-    -------
-    str
-        A sentence with the attainable half-width and what the mean of ``replicates`` runs would give.
+    repeats there, ``h >= 1 / max_runs``. The attainable half-width quoted, in ``unit``, has the average leverage
+    ``h = p / max_runs``; the sentence tells it, and what the mean of ``replicates`` runs would give.
     """
     needed = rule.min_runs(n_terms)
     if rule.guard == "runs" and rule.max_runs < needed:
@@ -226,18 +197,8 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
     """Flights at the recommended settings from which on their own interval is as narrow as the target.
 
     Flights meet the real ground, of which they leave nothing unknown: only chance is left, in their mean and in what it
-    foretells.
-
-    Parameters
-    ----------
-    rule : StopRule
-    sigma : float
-        Standard deviation of one simulated run, score units.
-
-    Returns
-    -------
-    int or None
-        At least 2; None where `_MOST_FLIGHTS` do not suffice.
+    foretells. ``sigma`` is the standard deviation of one simulated run, score units. At least 2; None where
+    `_MOST_FLIGHTS` do not suffice.
     """
     chance = sigma * np.sqrt(1.0 - rule.ground_share)
     n = np.arange(2, _MOST_FLIGHTS + 1)
@@ -351,18 +312,7 @@ class Look:
 
 
 def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: str) -> tuple[str, ...]:
-    """Why going on may be useless, in sentences.
-
-    Parameters
-    ----------
-    rule : StopRule
-    look : Look
-    ahead : Forecast
-    width : float
-        Half-width now.
-    unit : str
-        Unit of the score.
-    """
+    """Why going on may be useless, in sentences; ``width`` is the half-width now, ``unit`` that of the score."""
     found = []
     if rule.half_width < ahead.noise_floor:
         found.append(
@@ -392,14 +342,7 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
 def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, unit: str = "") -> Decision:
     """Apply the rule to one look.
 
-    Parameters
-    ----------
-    rule : StopRule
-    look : Look
-    confirmation : Agreement, optional
-        Test of fresh runs at the recommended settings.
-    unit : str
-        Unit of the score, for the sentences.
+    ``confirmation``: test of fresh runs at the recommended settings; ``unit``: of the score, for the sentences.
     """
     n_runs, n_terms = look.n_runs, look.n_terms
     student = float(rule.width(look.s, look.df_residual, look.h))

@@ -293,12 +293,7 @@ class Constraint:
         return self.numeric_names | {name for name, _ in self.labels}
 
     def slack(self, settings: Mapping[str, Any]) -> FloatArray:
-        """How far the condition is from being violated.
-
-        Parameters
-        ----------
-        settings : mapping of name to array (n,)
-            Natural values; for a categorical factor the names of the levels.
+        """How far the condition is from being violated, at natural values (n,) by name, of categorical factors levels.
 
         Returns
         -------

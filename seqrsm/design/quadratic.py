@@ -143,12 +143,8 @@ class QuadraticModel(OfFactors):
     def forms(self, beta: FloatArray, levels: tuple[int, ...] = ()) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Constant, gradient and matrix of the quadratic in the q numeric factors at given categorical levels.
 
-        Parameters
-        ----------
-        beta : ndarray (..., p)
-            Coefficients, in the order of ``terms``.
-        levels : tuple of int
-            Level index of each categorical factor, in the order of ``categorical``.
+        ``beta`` (..., p) are coefficients in the order of ``terms``; ``levels`` the index of the level of each
+        categorical factor, in the order of ``categorical``.
 
         Returns
         -------

@@ -251,21 +251,10 @@ class Region(OfFactors):
         return rows
 
     def jitter(self, points: FloatArray, radius: FloatArray | float, rng: np.random.Generator) -> FloatArray:
-        """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at.
+        """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at, bounds are.
 
-        They are rounded to 0.001 of the coded half-range: finer differences are no different settings of a sensor.
-
-        Parameters
-        ----------
-        points : ndarray (n, k)
-        radius : float or ndarray (n, 1)
-            Standard deviation of the moves, coded.
-        rng : numpy.random.Generator
-
-        Returns
-        -------
-        ndarray (n, k)
-            Inside the bounds of the factors.
+        The moves have a coded standard deviation ``radius``, one or (n, 1), and are rounded to 0.001 of the coded
+        half-range: finer differences are no different settings of a sensor.
         """
         moved = points.copy()
         free = list(self.continuous)
@@ -274,20 +263,12 @@ class Region(OfFactors):
         return moved
 
     def candidates(self, n_continuous_levels: int = 5, limit: int = 20_000) -> FloatArray:
-        """Feasible points that cover the region, shape (m, k), without repeats.
+        """Feasible points that cover the region, shape (m, k), without repeats: a grid, or an even sequence.
 
-        Parameters
-        ----------
-        n_continuous_levels : int
-            Levels of each continuous factor in the grid; odd, so that the centre belongs to it.
-        limit : int
-            Largest grid; beyond it face centres, a coarser grid that fits and an even sequence of this length.
-
-        Returns
-        -------
-        ndarray (m, k)
-            Grid or sequence points, and for a constrained region points on the boundaries of the constraints, found
-            by bisection along each continuous coordinate: optima lie there.
+        The grid has so many levels of each continuous factor; odd, so that the centre belongs to it. Beyond ``limit``
+        points it is face centres, a coarser grid that fits and an even sequence of this length. For a constrained
+        region points on the boundaries of the constraints, found by bisection along each continuous coordinate, are
+        added: optima lie there.
         """
         points = search.cover(self.axes, n_continuous_levels, limit)
         if self.is_box:

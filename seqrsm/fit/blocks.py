@@ -97,19 +97,10 @@ class RandomBlockPosterior:
     def predict(
         self, rows: FloatArray, level: float = 0.95, *, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
-        """Mean response of the average day, and future runs on a new day, which brings its own effect.
+        """Mean response of the average day at rows (m, p), and future runs on a new day, which brings its own effect.
 
-        Parameters
-        ----------
-        rows : ndarray (m, p)
-        level : float
-        weight, replicates
-            As in ``LeastSquaresFit.predict``; all replicates fall on one day.
-
-        Returns
-        -------
-        Prediction
-            Its standard errors are root mean squares over the ratios, with the scatter of the centres.
+        ``weight`` and ``replicates`` as in ``LeastSquaresFit.predict``; all replicates fall on one day. Standard errors
+        are root mean squares over the ratios, with the scatter of the centres.
         """
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
         centre = rows @ self.mean.T

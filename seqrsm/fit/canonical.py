@@ -98,13 +98,7 @@ class StationaryPoint(CanonicalForm):
 
 
 def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -> CanonicalForm:
-    """Canonical analysis of a quadratic.
-
-    Parameters
-    ----------
-    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
-        ``c + x'b + x'Bx``, B symmetric.
-    """
+    """Canonical analysis of a quadratic ``c + x'b + x'Bx``, ``linear`` b (q,) and ``quadratic`` B (q, q), symmetric."""
     values, vectors = np.linalg.eigh(quadratic)
     values, vectors = values[::-1].copy(), vectors[:, ::-1].copy()
     q = len(values)

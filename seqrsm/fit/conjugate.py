@@ -296,19 +296,11 @@ def posterior(
 def weakly_informative(kinds: Sequence[str], y: FloatArray) -> NormalInverseGamma:
     """Proper prior on the natural scale of the scores: wide beside the data, finite where the data are silent.
 
-    Parameters
-    ----------
-    kinds : sequence of str (p,)
-        Kind of each term ("intercept", "linear", ...), in coded units where one step spans half the region.
-    y : ndarray (n,)
-        Scores; they fix the centre, and their standard deviation the scale: what changing one factor across the region
-        might well do.
-
-    Returns
-    -------
-    NormalInverseGamma
-        The prior guess of sigma is a quarter of the scale, worth three runs. Prior standard deviations, with sigma
-        there: 10 times the scale for the intercept about the mean score, 2.5 times for all else about 0.
+    ``kinds`` (p,) are those of the terms ("intercept", "linear", ...), in coded units where one step spans half the
+    region. Scores ``y`` (n,) fix the centre, and their standard deviation the scale: what changing one factor across
+    the region might well do. The prior guess of sigma is a quarter of the scale, worth three runs. Prior standard
+    deviations, with sigma there: 10 times the scale for the intercept about the mean score, 2.5 times for all else
+    about 0.
     """
     y = np.asarray(y, dtype=np.float64)
     spread = float(np.std(y, ddof=1)) if y.size > 1 else 0.0

@@ -19,18 +19,9 @@ _DIFFERENCE, _NEARLY_ACTIVE = 1e-6, 1e-3
 
 
 def retract(region: Region, points: FloatArray, anchors: FloatArray) -> FloatArray:
-    """Draw infeasible points towards feasible anchors until they are feasible.
+    """Draw infeasible points (m, k) towards feasible anchors (m, k) until they are feasible; the others stay.
 
-    Parameters
-    ----------
-    region : Region
-    points, anchors : ndarray (m, k)
-        Equal in their discrete and categorical columns; every anchor feasible.
-
-    Returns
-    -------
-    ndarray (m, k)
-        Feasible points on the segments; a feasible point is returned as it is.
+    Points lie on the segments. Each equals its anchor in the discrete and categorical columns.
     """
     result = points.copy()
     rows = np.flatnonzero(region.slack(points) < 0.0)
@@ -165,19 +156,8 @@ def line_ascent(
 ) -> tuple[FloatArray, float]:
     """Exact maximisation along one continuous coordinate after the other, over its feasible intervals.
 
-    Parameters
-    ----------
-    region : Region
-    constant, linear, quadratic : float, ndarray (c,), ndarray (c, c)
-        Quadratic in the c continuous factors.
-    start : ndarray (k,)
-        Feasible.
-
-    Returns
-    -------
-    point : ndarray (k,)
-        Feasible, never worse than ``start``.
-    value : float
+    The quadratic in the c continuous factors has a constant, ``linear`` (c,) and ``quadratic`` (c, c); ``start`` (k,)
+    is feasible. Returns a feasible point (k,), never worse than that, and its value.
     """
     free = list(region.continuous)
     point = start.copy()

@@ -19,17 +19,9 @@ _WINDOW = 5.0  # the sum ends at the first lag M >= _WINDOW * tau(M)
 
 
 def r_hat(chains: FloatArray) -> float:
-    """Rank-normalised split R-hat: the larger of the bulk and the folded one.
+    """Rank-normalised split R-hat of m chains of n draws (m, n), n >= 4: the larger of the bulk and the folded one.
 
-    Parameters
-    ----------
-    chains : ndarray (m, n)
-        m independent chains of n draws, n >= 4. Walkers of one ensemble are not independent chains.
-
-    Returns
-    -------
-    float
-        Near 1 when the chains agree; nan for constant chains.
+    Near 1 when the chains agree; nan for constant chains. Walkers of one ensemble are not independent chains.
     """
     halves = _split(chains)
     folded = np.abs(halves - np.median(halves))
@@ -49,17 +41,10 @@ def ess_tail(chains: FloatArray, ends_at: tuple[float, float] = (0.05, 0.95)) ->
 
 
 def autocorrelation_time(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation time of an ensemble.
+    """Integrated autocorrelation time (d,) of an ensemble (steps, walkers, d), in steps.
 
-    Parameters
-    ----------
-    chain : ndarray (steps, walkers, d)
-        The autocovariance is averaged over walkers about the pooled mean.
-
-    Returns
-    -------
-    ndarray (d,)
-        In steps, at least about 1 for a chain that mixes; trust it when steps > 50 tau. inf for a constant chain.
+    The autocovariance is averaged over walkers about the pooled mean. At least about 1 for a chain that mixes; trust it
+    when steps > 50 tau. inf for a constant chain.
     """
     steps, _, d = chain.shape
     length = scipy.fft.next_fast_len(2 * steps, real=True)

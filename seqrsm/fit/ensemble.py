@@ -25,9 +25,8 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import convergence
-from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
-from seqrsm.fit.target import Errors, GeneralModel, Target, build_target, general_target
+from seqrsm.fit.target import Target
 from seqrsm.progress import tell
 
 # scipy.stats takes longer to load than a campaign's posterior to sample. emcee has one move, not used here, that wants
@@ -100,66 +99,6 @@ class _Reached:
     ess: FloatArray
     kept: FloatArray
     long_enough: bool
-
-
-def sample_posterior(
-    Z: FloatArray,
-    y: FloatArray,
-    weights: FloatArray | None = None,
-    *,
-    errors: Errors | None = None,
-    prior: Prior | None = None,
-    bounds: LinearBounds | None = None,
-    seed: int,
-) -> Sampled:
-    """Sample the posterior of ``y = Z beta + e`` until the convergence rule holds.
-
-    The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has `MIN_ESS`
-    effective draws among those handed out, and R-hat across ensembles is at most 1.01.
-
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Coded model matrix.
-    y : ndarray (n,)
-        Scores.
-    weights : ndarray (n,), optional
-        Inverse relative variances, > 0; default 1.
-    errors : Errors, optional
-        Default normal.
-    prior : Flat or NormalInverseGamma, optional
-        Default flat: p(beta, sigma) proportional to 1 / sigma.
-    bounds : LinearBounds, optional
-        Of the coefficients: the prior is cut off there.
-    seed : int
-        The same seed gives the same draws; no global random state is read or changed.
-
-    Raises
-    ------
-    ConvergenceError
-        The bounds came first; it carries steps, tau, R-hat and ess reached.
-    FitError
-        Scores that cannot be used, or that the model reproduces exactly.
-    """
-    Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-    return _run(build_target(Z, y, w, errors, Flat() if prior is None else prior, bounds), seed)
-
-
-def sample_model(model: GeneralModel, *, seed: int) -> Sampled:
-    """Sample any model with a log density, such as that of counts.
-
-    Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a
-    Student-t distribution at the mode and is fitted to a pilot run.
-
-    Raises
-    ------
-    ConvergenceError
-        The bounds came first; it carries steps, tau, R-hat and ess reached.
-    FitError
-        The model's density is not finite where it was expected to lie.
-    """
-    return _run(general_target(model), seed)
 
 
 class _Chain:
@@ -254,13 +193,18 @@ def _sampled(chain: _Chain, reached: _Reached, target: Target) -> Sampled:
     )
 
 
-def _run(target: Target, seed: int) -> Sampled:
-    """Sample until the rule holds.
+def sample(target: Target, seed: int) -> Sampled:
+    """Sample until the convergence rule holds; the same seed gives the same draws, whatever numpy's random state.
+
+    The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has `MIN_ESS`
+    effective draws among those handed out, and R-hat across ensembles is at most 1.01.
 
     Raises
     ------
     ConvergenceError
-        The bounds came first.
+        The bounds on the work came first; it carries steps, tau, R-hat and ess reached.
+    FitError
+        The density is not finite where it was expected to lie.
     """
     chain = _Chain(target, seed)
     deadline = time.monotonic() + MAX_SECONDS

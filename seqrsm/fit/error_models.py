@@ -20,7 +20,7 @@ from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounde
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
-from seqrsm.fit.target import draws_by_importance
+from seqrsm.fit.target import build_target, draws_by_importance, general_target
 
 if TYPE_CHECKING:
     from seqrsm.fit.ensemble import Sampled
@@ -172,13 +172,7 @@ class ErrorModel:
     inflation: ClassVar[float] = 1.0
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
-        """Relative weights (n,) for least squares.
-
-        Parameters
-        ----------
-        Z, y, given : ndarray (n, p), (n,), (n,)
-            Model matrix, scores on the scale of the fit, and relative weights from the scale.
-        """
+        """Relative weights (n,) for least squares, of rows Z (n, p), scores y (n,) as fitted, given weights (n,)."""
         del Z, y
         return given
 
@@ -249,12 +243,12 @@ class Additive(ErrorModel):
             if through or enough(len(sigma), n):
                 passes = "exactly, not by emcee: the surface passes through every score" if through else ""
                 return _of_terms(runs, (beta, sigma), made, share, passes)
-        from seqrsm.fit.ensemble import sample_posterior  # emcee: only where it is asked for
+        from seqrsm.fit.ensemble import sample  # emcee: only where it is asked for
 
         errors, seed = None if self.exact else self, int(rng.integers(2**31))
-        sample = partial(sample_posterior, runs.Z, runs.y, runs.weights, errors=errors, prior=runs.prior, seed=seed)
+        target = partial(build_target, runs.Z, runs.y, runs.weights, errors, runs.prior)
         try:
-            chain = sample(bounds=inner)
+            chain = sample(target(inner), seed)
         except ConvergenceError:
             if self.exact or (found := self.independent(runs, inner, n, rng)) is None:
                 raise
@@ -263,7 +257,7 @@ class Additive(ErrorModel):
         keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
             free = self.independent(runs, None, n, rng)
-            share = float(np.mean(inner.hold(sample().draws[:, :-1] if free is None else free[0][0])))
+            share = float(np.mean(inner.hold(sample(target(None), seed).draws[:, :-1] if free is None else free[0][0])))
         made = _sampled(chain, self.name, len(keep))
         return _of_terms(runs, (keep[:, :-1], keep[:, -1]), made, share)
 
@@ -370,9 +364,9 @@ class BetaBinomial(ErrorModel):
             values, worth = found
             made: Made = {"method": "importance", "errors": self.name, "draws": n, "ess": worth}
         else:
-            from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
+            from seqrsm.fit.ensemble import sample  # emcee: only where it is asked for
 
-            chain = sample_model(model, seed=int(rng.integers(2**31)))
+            chain = sample(general_target(model), int(rng.integers(2**31)))
             values = chain.draws[_spread(len(chain.draws), n)]
             made = _sampled(chain, self.name, len(values))
         correlation = values[:, -1]

@@ -16,13 +16,8 @@ def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> t
     """The smallest set of further runs after which the model is estimable, and the terms that no run would mend.
 
     Each run removes one dependence at most, so a greedy choice that removes one with every run is a smallest set. Of
-    the candidates that do, the one is taken that is most informative on what is still undetermined.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-    points : ndarray (n, k)
-        Settings of the runs made so far, coded; n may be 0.
+    the candidates that do, the one is taken that is most informative on what is still undetermined. ``points`` (n, k)
+    are coded settings of the runs made so far; n may be 0.
 
     Returns
     -------

@@ -96,18 +96,9 @@ _ACTIVE_SET_ROUNDS = 12
 
 
 def quadratic_values(constant: FloatArray, linear: FloatArray, quadratic: FloatArray, points: FloatArray) -> FloatArray:
-    """Values of m quadratics, each at its own points.
+    """Values (m, n) of m quadratics, each at its own coded points (m, n, q).
 
-    Parameters
-    ----------
-    constant, linear, quadratic : ndarray (m,), (m, q), (m, q, q)
-        The quadratic ``c + x'b + x'Bx`` with symmetric B.
-    points : ndarray (m, n, q)
-        Coded points.
-
-    Returns
-    -------
-    ndarray (m, n)
+    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q).
     """
     values: FloatArray = constant[:, None] + (points @ linear[:, :, None])[..., 0]
     values += np.sum((points @ quadratic) * points, axis=-1)
@@ -138,15 +129,9 @@ def _scale(linear: FloatArray, quadratic: FloatArray) -> FloatArray:
 
 
 def well_curved(linear: FloatArray, quadratic: FloatArray) -> BoolArray:
-    """Which of m quadratics are so clearly concave that they have one maximum on the cube and no ridge.
+    """Which of m quadratics, ``linear`` (m, q) and ``quadratic`` (m, q, q), are clearly concave.
 
-    Parameters
-    ----------
-    linear, quadratic : ndarray (m, q), (m, q, q)
-
-    Returns
-    -------
-    ndarray (m,) of bool
+    So clearly that they have one maximum on the cube and no ridge.
     """
     return _concave(quadratic, _scale(linear, quadratic), _CURVED_PIVOT)
 
@@ -186,13 +171,8 @@ def face_maxima(
 ) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
     """Stationary points of m quadratics on every face of the cube on which they can have a maximum.
 
-    A face on which a quadratic is not strictly concave is left out for it: its maximum there, if any, is also attained
-    on a smaller face.
-
-    Parameters
-    ----------
-    constant, linear, quadratic : ndarray (m,), (m, q), (m, q, q)
-        The quadratics ``c + x'b + x'Bx`` with symmetric B.
+    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q). A face on which one is
+    not strictly concave is left out for it: its maximum there, if any, is also attained on a smaller face.
 
     Yields
     ------
@@ -230,19 +210,9 @@ def face_maxima(
 
 
 def cube_maxima(constant: FloatArray, linear: FloatArray, quadratic: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Global maximum of each of m quadratics on the cube [-1, 1]^q.
+    """Global maximum of each of m quadratics on the cube [-1, 1]^q: a maximiser (m, q), and its value (m,).
 
-    Parameters
-    ----------
-    constant, linear, quadratic : ndarray (m,), (m, q), (m, q, q)
-        The quadratics ``c + x'b + x'Bx`` with symmetric B. q = 0 is allowed.
-
-    Returns
-    -------
-    points : ndarray (m, q)
-        A maximiser of each.
-    values : ndarray (m,)
-        Its value.
+    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q). q = 0 is allowed.
     """
     m, q = linear.shape
     best_points = np.zeros((m, q))

@@ -71,18 +71,9 @@ def known(value: float, uncertainty: float) -> str:
 
 
 def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
-    """Two-sided quantile of Student's t.
+    """Two-sided quantile of Student's t, of the broadcast shape of ``df`` and ``level``, a probability in (0, 1).
 
-    Parameters
-    ----------
-    df : array_like
-        Degrees of freedom; inf gives the normal quantile, values <= 0 give nan.
-    level : array_like
-        Two-sided probability, in (0, 1).
-
-    Returns
-    -------
-    ndarray, broadcast shape of ``df`` and ``level``
+    Infinite degrees of freedom give the normal quantile, values <= 0 give nan.
     """
     degrees, probability = np.asarray(df, dtype=np.float64), np.asarray(level, dtype=np.float64)
     if degrees.ndim == probability.ndim == 0:
@@ -148,19 +139,9 @@ def group_index(ids: Sequence[object] | AnyArray | None, n: int) -> IntArray | N
 
 
 def sequential_ss(groups: Sequence[FloatArray], y: FloatArray) -> list[tuple[int, float]]:
-    """Rank and sum of squares that each group of columns adds to those before it.
+    """Rank and sum of squares that each group of columns (n, p_g) adds to those before it; all weighted like ``y``.
 
-    Parameters
-    ----------
-    groups : sequence of ndarray (n, p_g)
-        Weighted model columns.
-    y : ndarray (n,)
-        Weighted scores.
-
-    Returns
-    -------
-    list of (df, ss)
-        Each column is projected off the earlier groups twice, so that the bases stay orthogonal to rounding.
+    Each column is projected off the earlier groups twice, so that the bases stay orthogonal to rounding.
     """
     basis = np.zeros((y.shape[0], 0))
     left = y.copy()

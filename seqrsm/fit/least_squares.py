@@ -405,12 +405,7 @@ def _over(part: float, whole: float) -> float:
 
 
 def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Sum-to-zero contrasts of blocks (flight days, sources).
-
-    Parameters
-    ----------
-    block_ids : iterable (n,)
-        Block of each run; blocks are taken in the order of first appearance.
+    """Sum-to-zero contrasts of blocks (flight days, sources), taken in the order of first appearance.
 
     Returns
     -------
@@ -499,10 +494,7 @@ def outlier_p(fit: LeastSquaresFit) -> FloatArray:
 def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
     """Runs with Cook's distance above 4/n, leverage above 2p/n, or a residual that fails the outlier test.
 
-    Returns
-    -------
-    tuple of InfluentialRun
-        The largest Cook's distance first.
+    The largest Cook's distance first.
     """
     n, p = fit.n_runs, fit.n_terms
     chance, tested = outlier_p(fit), int(np.count_nonzero(np.isfinite(fit.studentised)))

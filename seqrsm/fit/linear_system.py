@@ -99,19 +99,7 @@ def sum_first_axis(high: FloatArray, low: FloatArray) -> tuple[FloatArray, Float
 
 
 def matmul(A: FloatArray, x_high: FloatArray, x_low: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Product ``A @ (x_high + x_low)`` in double-double.
-
-    Parameters
-    ----------
-    A : ndarray (n, p)
-        Plain doubles.
-    x_high, x_low : ndarray (p, m)
-
-    Returns
-    -------
-    tuple of ndarray (n, m)
-        High and low part.
-    """
+    """High and low part (n, m) of ``A @ (x_high + x_low)`` in double-double; A (n, p) of plain doubles, x (p, m)."""
     columns = A.T[:, :, None]  # (p, n, 1)
     p, e = two_product(columns, x_high[:, None, :])
     return sum_first_axis(p, e + columns * x_low[:, None, :])
@@ -178,13 +166,9 @@ def factorise(Z: FloatArray) -> Factorisation:
 def solve_augmented(
     X: FloatArray, Q: FloatArray, R: FloatArray, f: FloatArray, g: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve ``r + X b = f``, ``X'r = g`` for several right-hand sides, to double precision.
+    """Solve ``r + X b = f``, ``X'r = g`` for several right-hand sides f (n, m) and g (r, m), to double precision.
 
-    Parameters
-    ----------
-    X, Q, R : ndarray (n, r), (n, r), (r, r)
-        Full-rank matrix and its factorisation ``X = Q R``.
-    f, g : ndarray (n, m), (r, m)
+    X (n, r) has full rank and is factorised, ``X = Q R``.
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 A coded factor is ``a + b x`` with ``x`` the natural value, or its log10 where the factor has a log scale, so the
 coefficients in ``x`` are a linear map of the coded ones, ``beta_nat = T beta``. Estimates, standard errors and
-intervals follow from the fit without any further approximation: Cov(beta_nat) = s^2 T C T'.
+intervals are what the fit predicts at the rows of T, with no further approximation: Cov(beta_nat) = s^2 T C T'.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit
 
 
 def natural_transform(model: QuadraticModel) -> FloatArray:
@@ -45,22 +43,3 @@ def natural_transform(model: QuadraticModel) -> FloatArray:
             for j in np.flatnonzero(base[b]).tolist():
                 T[place[min(i, j), max(i, j)], t] += base[a, i] * base[b, j]
     return T
-
-
-def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: float = 0.95) -> Prediction:
-    """Coefficients in natural units with standard errors and confidence intervals.
-
-    Parameters
-    ----------
-    model : QuadraticModel
-        Its terms are the first columns of the fit; block columns follow and stay coded.
-    fit : LeastSquaresFit
-    level : float
-        Coverage of each interval, in (0, 1).
-
-    Returns
-    -------
-    Prediction
-        ``mean``, ``se_mean`` and ``confidence`` (p,) are those of the coefficients, in the order of the model's terms.
-    """
-    return fit.predict(natural_transform(model), level)

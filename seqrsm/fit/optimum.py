@@ -82,20 +82,12 @@ def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
 
 
 def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal = "maximize") -> Optimum:
-    """Global optimum of a fitted surface over the region.
+    """Global optimum of a fitted surface, of coded coefficients ``beta`` (p,), over the region.
 
     Exact for a box with any discrete and categorical factors. Under constraints each combination of levels whose
     unconstrained bound could win is searched by 24 feasible climbs, SLSQP from the best of them, and coordinate-wise
     exact line searches over the feasible intervals; the result is feasible and never worse than any candidate of the
     region.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-        With the same factors.
-    beta : ndarray (p,)
-        Coded coefficients.
-    goal : "maximize" or "minimize"
     """
     signed = _signed(beta, goal)[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good
@@ -250,24 +242,13 @@ def _search_slice(region: Region, piece: Slice, starts: FloatArray, anchor: Floa
 def optimum_draws(
     model: QuadraticModel, region: Region, betas: FloatArray, goal: Goal = "maximize"
 ) -> tuple[FloatArray, FloatArray]:
-    """Optimum of each of m surfaces, such as posterior draws.
+    """Optimum of each of m surfaces, such as posterior draws: points (m, k), and values (m,) there.
 
     Exact for a box. Under constraints it is exact for every draw whose box optimum is feasible; the others start from
     the best of a dense set of feasible points at their two most promising combinations of levels and climb from there,
     sharing what was found for the other draws. All points are feasible; a value can fall short of :func:`optimum` by
-    some 1e-4 of the surface's range, now and then by 1e-2.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-    betas : ndarray (m, p)
-        Coded coefficients. Where all but the first are 0 every setting is as good, and the point is a random one.
-    goal : "maximize" or "minimize"
-
-    Returns
-    -------
-    points : ndarray (m, k)
-    values : ndarray (m,)
+    some 1e-4 of the surface's range, now and then by 1e-2. Where all coded coefficients ``betas`` (m, p) but the first
+    are 0 every setting is as good, and the point is a random one.
     """
     signed = _signed(betas, goal)
     m = len(signed)

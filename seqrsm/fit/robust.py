@@ -60,19 +60,12 @@ _ENDS = (0.025, 0.975)
 def student_draws(
     Z: FloatArray, y: FloatArray, weights: FloatArray, prior: Prior, n_draws: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, dict[str, float]]:
-    """Posterior of coefficients and scale under Student-t errors.
+    """Posterior of coefficients and scale under Student-t errors, of Z (n, p), y (n,) and weights (n,).
 
     An error is normal with a precision of its own from a gamma distribution; given these the posterior is the exact
     one, and given the errors the precisions are gamma (Geweke 1993, J. Appl. Econometrics 8, S19-S40). All chains start
-    from the most likely weights and move together; there is nothing to tune.
-
-    Parameters
-    ----------
-    Z, y, weights : ndarray (n, p), (n,), (n,)
-    prior : Flat or NormalInverseGamma
-    n_draws : int
-        At least so many; they are worth from a fifth to all of as many independent ones.
-    rng : numpy.random.Generator
+    from the most likely weights and move together; there is nothing to tune. At least ``n_draws`` are made; they are
+    worth from a fifth to all of as many independent ones.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """Counts of correct decisions: a model of scores that has no closed-form posterior.
 
-For :func:`seqrsm.fit.ensemble.sample_model`: more scatter between runs than the binomial.
+For :func:`seqrsm.fit.target.general_target`: more scatter between runs than the binomial.
 """
 
 from __future__ import annotations
@@ -57,16 +57,9 @@ def beta_binomial_model(
 ) -> GeneralModel:
     """Counts of correct decisions: logit p = Z beta, correct ~ BetaBinomial(trials, p phi, (1 - p) phi).
 
-    The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior
-    Beta(1, 9), which expects 0.1. The variance is binomial times 1 + (trials - 1) correlation.
-
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-    correct, trials : ndarray (n,)
-        0 <= correct <= trials, trials > 0; not necessarily whole numbers (effective counts).
-    prior : CoefficientPrior
-        On the logit scale.
+    The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior Beta(1, 9),
+    which expects 0.1. The variance is binomial times 1 + (trials - 1) correlation. Z is (n, p); counts (n,), 0 <=
+    correct <= trials, trials > 0, need not be whole numbers (effective counts); the prior is on the logit scale.
 
     Raises
     ------

@@ -127,7 +127,13 @@ class Target:
 def build_target(
     Z: FloatArray, y: FloatArray, w: FloatArray, errors: Errors | None, prior: Prior, bounds: LinearBounds | None
 ) -> Target:
-    """Assemble the target; arguments as in ``sample_posterior``."""
+    """Posterior of ``y = Z beta + e``; Z (n, p), y and weights w (n,), errors None where normal, bounds cut the prior.
+
+    Raises
+    ------
+    FitError
+        Scores that cannot be used, or that the model reproduces exactly.
+    """
     base = _base(Z, y, w, prior, errors)
     if base.b == 0.0:
         raise FitError("the model reproduces every score exactly, so sigma has no posterior to sample")
@@ -157,11 +163,14 @@ def build_target(
         return np.where(np.isfinite(value), value, -np.inf)
 
     proposal = Proposal(np.zeros(p), np.eye(p) / scale, np.eye(p) * scale, tail * base.a, tail * base.b)
-
-    def unpack(x: FloatArray) -> FloatArray:
-        return np.column_stack([base.mean + scale * (x[:, :p] @ base.factor.T), np.exp(x[:, p])])
-
-    return Target(log_prob, proposal, tail == 1.0 and inner is None, p + 1, unpack, inner)
+    return Target(
+        log_prob,
+        proposal,
+        tail == 1.0 and inner is None,
+        p + 1,
+        lambda x: np.column_stack([base.mean + scale * (x[:, :p] @ base.factor.T), np.exp(x[:, p])]),
+        inner,
+    )
 
 
 def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: Prior, errors: Errors | None) -> ConjugatePosterior:
@@ -301,11 +310,7 @@ def general_target(model: GeneralModel) -> Target:
         raise FitError("the posterior density is not finite where it is expected to lie")
     mode = _mode(log_prob, start)
     covariance = _covariance(log_prob, mode)
-
-    def unpack(x: FloatArray) -> FloatArray:
-        return model.natural(x)[0]
-
-    return Target(log_prob, StudentProposal.of(mode, covariance), False, d, unpack)
+    return Target(log_prob, StudentProposal.of(mode, covariance), False, d, lambda x: model.natural(x)[0])
 
 
 def _mode(log_prob: Callable[[FloatArray], FloatArray], start: FloatArray) -> FloatArray:
@@ -345,12 +350,7 @@ _A_DIMENSION = 10  # least of the former that are independent, for each dimensio
 def draws_by_importance(model: GeneralModel, n: int, rng: np.random.Generator) -> tuple[FloatArray, float] | None:
     """Draws (n, d) of a model's parameters, and how many independent ones they are worth; None where few have weight.
 
-    Of Student's distribution at the mode, then of the one with the moments that these draws tell.
-
-    Raises
-    ------
-    FitError
-        As of `general_target`.
+    Of Student's distribution at the mode, then of one with the moments of these draws. Errors: as of `general_target`.
     """
     target = general_target(model)
     proposal: Distribution = target.proposal

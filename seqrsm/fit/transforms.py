@@ -16,20 +16,10 @@ NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75
 
 
 def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> FloatArray:
-    """Logit of percent scores.
+    """Logit (n,) of scores (n,) [%], 0 ... 100, both ends included; always finite.
 
-    Parameters
-    ----------
-    percent : ndarray (n,)
-        Scores [%], 0 ... 100, both ends included.
-    counts : ndarray (n,), optional
-        Independent trials behind each score, > 0; nan where unknown. The empirical logit
-        log((c + 1/2) / (m - c + 1/2)) is used for them.
-
-    Returns
-    -------
-    ndarray (n,)
-        Always finite: scores without a count are clipped to 0.5 / n from the ends, n = 200.
+    ``counts`` (n,): independent trials behind each score, > 0; nan where unknown. The empirical logit log((c + 1/2) /
+    (m - c + 1/2)) is used for them; scores without a count are clipped to 0.5 / n from the ends, n = 200.
 
     Raises
     ------

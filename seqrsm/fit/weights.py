@@ -30,16 +30,11 @@ def share_variance(percent: FloatArray, trials: FloatArray | float) -> FloatArra
 
 
 def expected_shares(Z: FloatArray, percent: FloatArray, trials: FloatArray) -> FloatArray:
-    """Scores (n,) that a linear model expects of every run [%], each run counting by its binomial variance.
+    """Scores (n,) that a linear model Z (n, p) expects of every run [%], each run counting by its binomial variance.
 
     Iteratively reweighted least squares: weights come from what is expected, since by what was scored a lucky run would
-    count for more. With no more runs than terms the scores themselves, shrunk by one decision each way.
-
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-    percent, trials : ndarray (n,)
-        Scores [%], and decisions behind each, > 0.
+    count for more. With no more runs than terms the scores ``percent`` (n,) themselves [%], shrunk by one decision each
+    way; ``trials`` (n,) are the decisions behind each, > 0.
     """
     expected: FloatArray = (percent * trials + 100.0) / (trials + 2.0)
     if len(percent) <= Z.shape[1]:

@@ -23,23 +23,11 @@ def write_report(
     figures: Path | None = None,
     step: Callable[[str], None] = lambda text: None,
 ) -> tuple[Path, ...]:
-    """Write the report of a campaign.
+    """Write the report of a campaign; a face whose path is None is not rendered.
 
-    Parameters
-    ----------
-    dossier : Dossier
-        The campaign as it stands.
-    html, pdf : Path, optional
-        Files to be written; their folders are made. A face whose path is None is not rendered.
-    figures : Path, optional
-        Folder for every picture as SVG, PDF, PNG and CSV.
-    step : callable
-        Told what is being done.
-
-    Returns
-    -------
-    tuple of Path
-        The files written, each put in place at once: a reader never sees half a file.
+    Folders of ``html`` and ``pdf`` are made; the folder ``figures`` takes every picture as SVG, PDF, PNG and CSV.
+    ``step`` is told what is being done. Returns the files written, each put in place at once: a reader never sees half
+    a file.
     """
     from seqrsm.report.content import build_report
     from seqrsm.report.figures.files import named_panels, write_figures

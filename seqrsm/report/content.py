@@ -29,17 +29,9 @@ from seqrsm.report.wording import listing
 
 
 def build_report(dossier: Dossier) -> Report:
-    """Build the report of a campaign.
+    """Build the report of a campaign as it stands.
 
-    Parameters
-    ----------
-    dossier : Dossier
-        The campaign as it stands.
-
-    Returns
-    -------
-    Report
-        The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
+    The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
     spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
     sections: list[Section | None] = [summary_section(spec, analyses, dossier.compromise, runs, dossier.rests)]

@@ -35,13 +35,7 @@ _MATH = re.compile(r"<math\b.*?</math>", re.DOTALL)
 
 @lru_cache(maxsize=8)
 def equations_to_mathml(equations: tuple[Equation, ...]) -> dict[Equation, str]:
-    """Return the MathML element of each equation, with its reading as ``aria-label``.
-
-    Parameters
-    ----------
-    equations : tuple of Equation
-        Without repetition.
-    """
+    """Return the MathML element of each equation, none twice, with its reading as ``aria-label``."""
     if not equations:
         return {}
     import typst

@@ -15,15 +15,10 @@ _ASKED: dict[type, list[str]] = {Column: ["heading"], Panel: ["svg"], FigureBloc
 
 
 def render_pdf(report: Report) -> bytes:
-    """Render a report as PDF.
+    """Render a report as PDF/UA-1; as plain tagged PDF where a name holds a character that no font at hand can show.
 
     The blocks pass to Typst as JSON: text stays data there and is never read as markup. The file carries no date,
     so equal reports are equal bytes.
-
-    Returns
-    -------
-    bytes
-        PDF/UA-1; a plain tagged PDF where a name holds a character that none of the fonts at hand can show.
     """
     import matplotlib
     import typst

@@ -21,17 +21,8 @@ _MAX_INTEGER_DIGITS = 7
 def decimals_for(uncertainty: float, fallback: int = 2) -> int:
     """Return the decimal places that an uncertainty supports, negative for tens, hundreds, ...
 
-    Parameters
-    ----------
-    uncertainty : float
-        Standard error, half-width or spread, in the unit of the value; its sign is ignored.
-    fallback : int
-        Returned where the uncertainty is below 1e-300, infinite or nan.
-
-    Returns
-    -------
-    int
-        Decimal places by the Particle Data Group's rule.
+    By the Particle Data Group's rule, of a standard error, half-width or spread in the unit of the value, whatever its
+    sign; ``fallback`` where it is below 1e-300, infinite or nan.
     """
     size = abs(uncertainty)
     if not math.isfinite(size) or size < 1e-300:

@@ -172,12 +172,6 @@ def fixed_unit(name: str, value: float | str) -> str:
     return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 
-def fixed_label(name: str) -> str:
-    """Name of a sensor parameter as a reader wants it."""
-    parameter = RADAR.get(name) or RADIOMETER.get(name)
-    return readable(name if parameter is None else parameter.name)
-
-
 def readable_text(text: str, names: Iterable[str]) -> str:
     """A sentence with readable names of factors and powers of ten, and no line that ends before a percent sign."""
     text = re.sub(r"(?<=\d) (?=%)", "\u00a0", text)
@@ -254,21 +248,18 @@ def score_decimals(analysis: Analysis) -> int:
 
     A standard error decides the digits, not the half-width of an interval, which is about twice as wide.
     """
-    for size in (
-        analysis.optimum.confidence.half_width,
-        analysis.fit.s if analysis.scale.kind == "identity" else math.nan,
-    ):
-        if math.isfinite(size) and size > 0.0:
-            return decimals_for(size / 2.0)
-    return decimals_of_significant(analysis.optimum.mean, 3)
+    s = analysis.fit.s if analysis.scale.kind == "identity" else math.nan
+    return _decimals(analysis, analysis.optimum.confidence.half_width, s)
 
 
 def run_decimals(analysis: Analysis) -> int:
     """Decimal places of the score of a single run: those of its prediction interval at the optimum."""
-    half = analysis.optimum.prediction.half_width
-    if math.isfinite(half) and half > 0.0:
-        return decimals_for(half / 2.0)
-    return decimals_of_significant(analysis.optimum.mean, 3)
+    return _decimals(analysis, analysis.optimum.prediction.half_width)
+
+
+def _decimals(analysis: Analysis, *sizes: float) -> int:
+    sized = (decimals_for(size / 2.0) for size in sizes if math.isfinite(size) and size > 0.0)
+    return next(sized, decimals_of_significant(analysis.optimum.mean, 3))
 
 
 def score_text(analysis: Analysis, value: float, *, unit: bool = True) -> str:

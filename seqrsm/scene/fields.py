@@ -21,16 +21,8 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 def hash_uniform(keys: ArrayLike, seed: int) -> FloatArray:
     """Uniform numbers in [0, 1), one for each integer key, from the splitmix64 finaliser.
 
-    Parameters
-    ----------
-    keys : integer array
-        Any shape.
-    seed : int
-        Non-negative; another seed gives independent numbers.
-
-    Notes
-    -----
-    Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators", doi 10.1145/2660193.2660195.
+    Another seed, >= 0, gives independent numbers. Steele, Lea and Flood 2014, "Fast splittable pseudorandom number
+    generators", doi 10.1145/2660193.2660195.
     """
     with np.errstate(over="ignore"):
         state = np.asarray(keys).astype(np.uint64) * _GOLDEN + _mix(np.asarray(seed, dtype=np.uint64) + _GOLDEN)
@@ -45,21 +37,9 @@ def _mix(z: NDArray[np.uint64] | np.uint64) -> NDArray[np.uint64]:
 
 
 def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> NDArray[np.int32]:
-    """Voronoi pieces around one drawn centre in each square of ``spacing`` cells.
+    """Number (rows, cols) of the Voronoi piece around one drawn centre in each square of ``spacing`` cells.
 
-    Parameters
-    ----------
-    rows, cols : int
-        Size of the grid [cells].
-    spacing : int
-        Side of the squares [cells], so that a piece has ``spacing``**2 cells on average.
-    seed : int
-        Seed of the centres.
-
-    Returns
-    -------
-    int32 array (rows, cols)
-        Number of the piece. A piece may fall apart where a mask cuts it; see `connected_patches`.
+    A piece has ``spacing``**2 cells on average, and may fall apart where a mask cuts it; see `connected_patches`.
     """
     n_rows, n_cols = -(-rows // spacing) + 4, -(-cols // spacing) + 4
     number = np.arange(n_rows * n_cols)
@@ -103,17 +83,10 @@ def cut_patches(patch: AnyArray, spacing: int, whole: AnyArray, *, seed: int) ->
 
 
 def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
-    """Number the patches of cells that touch by a side and agree in every key.
+    """Number the patches of cells that touch by a side and agree in every key (rows, cols).
 
-    Parameters
-    ----------
-    *keys : arrays (rows, cols)
-        Category, parcel number, piece: a patch has one value of each.
-
-    Returns
-    -------
-    int32 array (rows, cols)
-        0, 1, 2, ... in the order in which patches first appear row by row.
+    Keys are category, parcel number, piece: a patch has one value of each. Numbers 0, 1, 2, ... are in the order in
+    which patches first appear row by row.
     """
     rows, cols = keys[0].shape
     # Runs of like cells in a row stand for their cells: there are far fewer of them.

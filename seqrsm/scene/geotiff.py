@@ -67,18 +67,8 @@ class Raster:
 def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raster:
     """One band of a GeoTIFF in a projected coordinate system.
 
-    Parameters
-    ----------
-    path : path
-    layer : str
-        What the raster is for, as ``--band`` names it.
-    band : int, optional
-        From 1; needed where the file has several.
-
-    Returns
-    -------
-    Raster
-        The colours of a palette are left aside: its values are the places in it.
+    ``layer`` is what the raster is for, as ``--band`` names it; ``band``, from 1, is needed where the file has several.
+    The colours of a palette are left aside: its values are the places in it.
 
     Raises
     ------

@@ -61,12 +61,8 @@ def levelled(elevation_m: AnyArray, cover: AnyArray, mean_m: float) -> AnyArray:
 def fill_gaps(elevation_m: AnyArray) -> None:
     """Give cells without elevation that of the nearest cell of their row, and empty rows that of the nearest full one.
 
-    Of two as near the first. Geometry needs a surface everywhere; the cells stay without power and without score.
-
-    Parameters
-    ----------
-    elevation_m : float array (rows, cols)
-        Changed in place; at least one cell is finite.
+    In place; at least one cell is finite. Of two as near the first. Geometry needs a surface everywhere; the cells stay
+    without power and without score.
     """
     rows, cols = elevation_m.shape
     full = np.zeros(rows, dtype=np.bool_)
@@ -155,12 +151,8 @@ def coarse_scene(scene: Scene, factor: int) -> Scene:
     """Data base of ``factor`` times wider cells: what varies smoothly is averaged, the rest is that of the middle cell.
 
     The category of one cell, not of the majority: over many cells the shares of categories stay what they are. Cells
-    left over at the far edges are dropped.
-
-    Returns
-    -------
-    Scene
-        `scene` itself where `factor` is 1, or fewer than 8 cells would be left along a side, or than there are fields.
+    left over at the far edges are dropped. `scene` itself where `factor` is 1, or fewer than 8 cells would be left
+    along a side, or than there are fields.
     """
     rows, cols = (n // factor for n in scene.shape)
     if factor == 1 or min(rows, cols) < _LEAST_SIDE or scene.n_fields > rows * cols:

@@ -56,23 +56,11 @@ def sun_position(latitude_deg: float, day_of_year: float, hour: float) -> Sun:
 
 
 def cast_shadow(elevation_m: AnyArray, cell_m: float, sun: Sun) -> BoolArray:
-    """Cells that the sun does not reach because other ground stands before it.
+    """Cells (rows, cols) that the sun does not reach because other ground stands before it; all at night.
 
     Parallel rays by the recurrence of the shadow's height, row by row (or column by column) away from the sun; between
-    the cells of a row the height is linear. Nothing outside the scene casts a shadow.
-
-    Parameters
-    ----------
-    elevation_m : float array (rows, cols)
-        Row 0 in the north, no gaps [m].
-    cell_m : float
-        Side of a cell [m].
-    sun : Sun
-
-    Returns
-    -------
-    bool array (rows, cols)
-        All True at night.
+    the cells of a row the height is linear. Nothing outside the scene casts a shadow. Elevations (rows, cols) [m] have
+    row 0 in the north and no gaps.
     """
     z = np.asarray(elevation_m, dtype=np.float64)
     if sun.elevation_deg <= 0.0:
@@ -100,17 +88,7 @@ def cast_shadow(elevation_m: AnyArray, cell_m: float, sun: Sun) -> BoolArray:
 
 
 def sun_exposure(elevation_m: AnyArray, cell_m: float, sun: Sun) -> FloatArray:
-    """Exposure of each cell, 0 to 1: cosine of the sun's incidence, 0 in shadow.
-
-    Parameters
-    ----------
-    elevation_m, cell_m, sun
-        As in `cast_shadow`.
-
-    Returns
-    -------
-    float64 array (rows, cols)
-    """
+    """Exposure (rows, cols), 0 to 1: cosine of the sun's incidence, 0 in shadow; arguments as of `cast_shadow`."""
     east, north = slopes(elevation_m, cell_m)
     up = math.sin(math.radians(sun.elevation_deg))
     level = math.cos(math.radians(sun.elevation_deg))
@@ -129,21 +107,10 @@ def time_exposure(
     hour: float,
     exposure_hours: float = 0.0,
 ) -> FloatArray:
-    """Exposure at an hour, or its mean over the hours before.
+    """Exposure (rows, cols), 0 to 1, at an hour, or its mean over the ``exposure_hours`` before.
 
-    Parameters
-    ----------
-    elevation_m, cell_m
-        As in `cast_shadow`.
-    latitude_deg, day_of_year, hour : float
-        As in `sun_position`.
-    exposure_hours : float
-        How far back the mean reaches [h], by the middle of half-hour steps; 0 takes the moment.
-
-    Returns
-    -------
-    float64 array (rows, cols)
-        0 to 1.
+    The mean is by the middle of half-hour steps; 0 hours take the moment. Arguments as of `cast_shadow` and
+    `sun_position`.
     """
     steps = math.ceil(2.0 * exposure_hours)
     hours = [hour] if steps == 0 else [hour - exposure_hours * (k + 0.5) / steps for k in range(steps)]

@@ -19,20 +19,10 @@ def strips(rows: int, cols: int) -> Iterator[slice]:
 
 
 def slopes(elevation_m: AnyArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
-    """Slope towards east and towards north.
+    """Slope towards east and towards north, rise over run (rows, cols) [1], of heights (rows, cols) [m].
 
-    Parameters
-    ----------
-    elevation_m : array (rows, cols)
-        Height [m], row 0 in the north; nan where it is not known.
-    cell_m : float
-        Side of a cell [m].
-
-    Returns
-    -------
-    east, north : float64 arrays (rows, cols)
-        Rise over run [1], by central differences inside and one-sided ones at the edges; nan beside a nan. Of a single
-        row or column nothing is known across it, and it is taken as level.
+    Row 0 is in the north, nan where the height is not known. By central differences inside and one-sided ones at the
+    edges; nan beside a nan. Of a single row or column nothing is known across it, and it is taken as level.
     """
     z = np.asarray(elevation_m, dtype=np.float64)
     east, south = (np.gradient(z, cell_m, axis=k) if z.shape[k] > 1 else 0.0 * z for k in (1, 0))

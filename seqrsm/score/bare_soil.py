@@ -22,7 +22,7 @@ from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import fields_of, finest, layers_of, pixels_of, tile_m
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.visits import moisture_spread
+from seqrsm.simulate.visits import region_spread
 from seqrsm.units import linear_to_db
 
 GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
@@ -80,7 +80,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     away, covariance = away[:, seen], covariance[seen]
     radar = images[0].radar
     low, high = radar.soil_moisture_low, radar.soil_moisture_high
-    spread = moisture_spread(scene, radar)
+    spread = math.hypot(radar.soil_moisture_field_sd, region_spread(scene, radar))
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
     moisture = np.full(len(bare), centre)
     if seen.any():

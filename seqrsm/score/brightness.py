@@ -61,13 +61,7 @@ class ExpectedGround:
 def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> ExpectedGround:
     """What is known of the ground of an image's footprints beforehand.
 
-    Parameters
-    ----------
-    image : RadiometerImage
-    scene : Scene
-        The scene it was made of.
-    pixel : int32 array (rows, columns)
-        Footprint of each cell, -1 for none.
+    ``pixel`` (rows, columns): footprint of each cell of the scene, -1 for none.
     """
     radiometer = image.radiometer
     lookups = lookups_of(scene, radiometer, image.table.in_world(None), image.day)

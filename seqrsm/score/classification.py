@@ -95,33 +95,50 @@ class Taught:
     classes: AnyArray
 
 
-def classify(evidence: Evidence) -> Classified:
-    """Name each unit of ground by what the other half of the tiles taught.
+def taught(evidence: Evidence) -> Taught:
+    """The laws by which each half of the tiles is named, as the other half teaches them.
 
     Tiles are split at random into two halves; each half is classified by what the other taught, so all ground is tested
     once. The law of a class is Gaussian; given covariates, its mean is a straight line in each. A class is taught by
     the units that it fills to `TRAINING_PURITY`, or where they are fewer than ten by all units that hold it. A class
     absent from the teaching half cannot be named in the other. Priors are equal: a classifier with the area's priors
-    can score well by naming the commonest class everywhere, which tells little about the sensor.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        Finite where a unit has scored cells.
+    can score well by naming the commonest class everywhere, which tells little about the sensor. The evidence is finite
+    where a unit has scored cells.
 
     Raises
     ------
     SceneError
         No unit holds a scored cell.
     """
-    return named(evidence, taught(evidence))
-
-
-def taught(evidence: Evidence) -> Taught:
-    """The laws of `classify`; errors as there."""
     seen, half = _halves_of(evidence)
-    # With a single tile there is no other ground to learn from.
-    return Taught(seen, half, *_laws(evidence, half, alone=int(seen.sum()) == 1))
+    features, covariates = evidence.features, evidence.covariates
+    n_classes, d = evidence.teaching.shape[1], len(features)
+    sums = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
+    kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums, np.empty(d))
+    row, column = np.tril_indices(d)
+    centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
+    known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)
+    for tested in (0, 1):
+        # With a single tile there is no other ground to learn from.
+        pure, mixed = sums[tested if int(seen.sum()) == 1 else 1 - tested]
+        few = _effective_pixels(*pure[:, :2].T) < ENOUGH_PIXELS
+        total = pure + np.where(few[:, None], mixed, 0.0)
+        cells, effective = total[:, 0], _effective_pixels(*total[:, :2].T)
+        if not cells.any():
+            continue
+        moments = total[:, 2:] / np.where(cells > 0.0, cells, 1.0)[:, None]
+        first, square = moments[:, :d], np.empty((n_classes, d, d))
+        square[:, row, column] = square[:, column, row] = moments[:, d:]
+        roots = _covariance_roots(cells, first, square, effective)
+        centre[tested], scale[tested] = first, np.linalg.inv(roots)
+        constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        if covariates:
+            own = slice(d - covariates, None)
+            roots = _covariance_roots(cells, first[:, own], square[:, own, own], effective)
+            known_scale[tested] = np.linalg.inv(roots)
+            constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        constant[tested, cells == 0.0] = -np.inf
+    return Taught(seen, half, (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0))
 
 
 def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: float = 0.0) -> Classified:
@@ -163,58 +180,12 @@ def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     return seen, half
 
 
-def _laws(
-    evidence: Evidence, half: IntArray, *, alone: bool
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], AnyArray]:
-    """The classes' laws by the half that they test, for `kernels_classify.name_classes`, and which are taught at all.
-
-    ``alone``: a single tile teaches itself.
-    """
-    features, covariates = evidence.features, evidence.covariates
-    n_classes, d = evidence.teaching.shape[1], len(features)
-    sums = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
-    kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums, np.empty(d))
-    row, column = np.tril_indices(d)
-    centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
-    known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)
-    for tested in (0, 1):
-        taught_by = tested if alone else 1 - tested
-        pure, mixed = sums[taught_by]
-        few = _effective_pixels(*pure[:, :2].T) < ENOUGH_PIXELS
-        total = pure + np.where(few[:, None], mixed, 0.0)
-        cells, effective = total[:, 0], _effective_pixels(*total[:, :2].T)
-        if not cells.any():
-            continue
-        moments = total[:, 2:] / np.where(cells > 0.0, cells, 1.0)[:, None]
-        first, square = moments[:, :d], np.empty((n_classes, d, d))
-        square[:, row, column] = square[:, column, row] = moments[:, d:]
-        roots = _covariance_roots(cells, first, square, effective)
-        centre[tested], scale[tested] = first, np.linalg.inv(roots)
-        constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        if covariates:
-            own = slice(d - covariates, None)
-            roots = _covariance_roots(cells, first[:, own], square[:, own, own], effective)
-            known_scale[tested] = np.linalg.inv(roots)
-            constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        constant[tested, cells == 0.0] = -np.inf
-    return (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0)
-
-
 def cluster_ratio(correct: AnyArray, cells: AnyArray) -> tuple[float, float]:
-    """Share of correct cells and its standard error over clusters.
+    """Share of correct cells in [0, 1] and its standard error over clusters, nan with fewer than two clusters.
 
     Ratio estimator of cluster sampling: Cochran (1977), Sampling Techniques, 3rd ed., eq. (6.13) without finite
     population correction. Cells of one cluster err together, so a binomial error over cells would be far too small.
-
-    Parameters
-    ----------
-    correct, cells : int array (n,)
-        Correct and all cells of each cluster.
-
-    Returns
-    -------
-    tuple of float
-        Share in [0, 1]; standard error, nan with fewer than two clusters.
+    ``correct`` and ``cells`` (n,) are counts of each cluster.
     """
     right, size = np.asarray(correct, dtype=np.float64), np.asarray(cells, dtype=np.float64)
     n = len(size)

@@ -14,16 +14,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import (
-    Classified,
-    Taught,
-    UtilityScore,
-    by_map_alone,
-    classify,
-    cluster_ratio,
-    named,
-    taught,
-)
+from seqrsm.score.classification import Classified, Taught, UtilityScore, by_map_alone, cluster_ratio, named, taught
 from seqrsm.score.evidence import Evidence, Image, evidence_of
 from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import Asked
@@ -37,7 +28,7 @@ _GROUPS: Final = 400  # of tiles, for a jackknife
 def score_cover(
     images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int, known: KnownMap | None = None
 ) -> UtilityScore:
-    """Score of the covers that a Gaussian classifier names; see `seqrsm.score.classification.classify`.
+    """Score of the covers that a Gaussian classifier names; see `seqrsm.score.classification.taught`.
 
     Parameters
     ----------
@@ -62,14 +53,7 @@ def score_cover(
 
 
 def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) -> UtilityScore:
-    """`score_cover` of what is known of each unit of ground.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    categories : sequence of str
-        Names of its classes.
-    asked : Asked
+    """`score_cover` of what is known of each unit of ground; ``categories`` are the names of its classes.
 
     Returns
     -------
@@ -82,7 +66,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         remedy = f"The scene has {', '.join(categories)}."
         raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
-    found = _at_false_alarms(evidence, taught(evidence), covers) if asked.name == "detection" else classify(evidence)
+    laws = taught(evidence)
+    found = _at_false_alarms(evidence, laws, covers) if asked.name == "detection" else named(evidence, laws)
     by_tile = found.confusion
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
@@ -153,14 +138,7 @@ def ends_of(true: IntArray, name: str, covers: Sequence[int] = ()) -> tuple[floa
     """What a guess that looks at nothing scores by a measure, and what perfect data do.
 
     The guess names everything as one cover, that which scores best, or of `FALSE_ALARMS` of all ground says that it is
-    the one sought; an area is guessed to be none.
-
-    Parameters
-    ----------
-    true : int array (n_classes,)
-        Cells of each class.
-    name, covers
-        As of `measure`.
+    the one sought; an area is guessed to be none. ``true`` (n_classes,): cells of each class; the rest as of `measure`.
     """
     share = true / true.sum()
     present = int((true > 0).sum())

@@ -150,11 +150,8 @@ def evidence_of(
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
     """What an image shows, (d, n_pixels): sigma0, linear; or brightness [K] and the square of the look angle [rad2].
 
-    Parameters
-    ----------
-    image : RadarImage or RadiometerImage
-    smooth : bool
-        After Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle adds.
+    ``smooth``: after Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle
+    adds.
     """
     if isinstance(image, RadarImage):
         if smooth:
@@ -442,21 +439,10 @@ def _fill_unseen(layers: FloatArray, used: AnyArray) -> None:
 def tiles(
     across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], side_m: float
 ) -> tuple[IntArray, int]:
-    """Square tile of ground that each pixel belongs to, and how many there are.
+    """Square tile (rows * columns,) of ground that each pixel belongs to, and how many there are.
 
-    Parameters
-    ----------
-    across_m, along_m : float64 arrays that broadcast to (rows, columns)
-        Centres of the pixels [m].
-    extent_m : tuple of float
-        Largest value of either in the whole image [m].
-    side_m : float
-        Of a tile [m].
-
-    Returns
-    -------
-    tile : int64 array (rows * columns,)
-    n_tiles : int
+    Centres of the pixels [m] broadcast to (rows, columns); ``extent_m`` is the largest value of either in the whole
+    image, ``side_m`` that of a tile.
     """
     wide, long = (max(math.floor(size / side_m), 0) + 1 for size in extent_m)
     away = np.clip(np.floor(across_m / side_m).astype(np.int64), 0, wide - 1)

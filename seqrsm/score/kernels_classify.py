@@ -47,20 +47,10 @@ def add_cells(
 
 @kernel
 def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: int) -> AnyArray:
-    """What one image shows, averaged over the cells of another's pixels.
+    """What one image shows, averaged over the cells of another's pixels (d, n_units); nan where it sees none of them.
 
-    Parameters
-    ----------
-    unit, pixel : int32 arrays (rows, columns)
-        Pixel of each cell in the other image, and in this; -1 for none.
-    layers : float array (d, n_pixels)
-        Of this image; nan where it sees nothing.
-    n_units : int
-
-    Returns
-    -------
-    float64 array (d, n_units)
-        nan for a pixel of whose cells this image sees none.
+    ``unit`` and ``pixel`` (rows, columns): pixel of each cell in the other image, and in this; -1 for none. ``layers``
+    (d, n_pixels) of this image are nan where it sees nothing.
     """
     d = layers.shape[0]
     out, cells = np.zeros((d, n_units)), np.zeros(n_units)
@@ -82,19 +72,9 @@ def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: i
 def merge_pixels(x: AnyArray, one: AnyArray, other: AnyArray, threshold: float) -> AnyArray:
     """Merge neighbours into segments whose means do not differ: Nock and Nielsen (2004, IEEE Trans. PAMI-26, 1452).
 
-    Parameters
-    ----------
-    x : float64 array (d, n_pixels)
-        In units of its noise.
-    one, other : int64 arrays (n_pairs,)
-        Neighbouring pixels, the pairs that differ least first.
-    threshold : float
-        Square of the difference of two means, over its variance by noise, up to which two segments are one.
-
-    Returns
-    -------
-    int64 array (n_pixels,)
-        Pixel that stands for each pixel's segment.
+    ``x`` (d, n_pixels) is in units of its noise; ``one`` and ``other`` (n_pairs,) are neighbours, the pairs that differ
+    least first. Two segments are one up to a ``threshold`` of the square of the difference of their means, over its
+    variance by noise. Returns the pixel that stands for each pixel's segment (n_pixels,).
     """
     d, n_pixels = x.shape
     of, size, mean = np.arange(n_pixels), np.ones(n_pixels), x.copy()

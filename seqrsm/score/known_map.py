@@ -58,11 +58,7 @@ class KnownMap:
 def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
     """Read a map's confusion table: ``cover`` and a column for each label, separated as scores may be.
 
-    Parameters
-    ----------
-    path : path
-    categories : sequence of str
-        Covers of the scene: the table must have a row for each, and may have more.
+    ``categories`` are the covers of the scene: the table must have a row for each, and may have more.
 
     Raises
     ------
@@ -114,14 +110,7 @@ def _number(text: str) -> float:
 def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int, seed: int) -> IntArray:
     """Label (n_units,) of each unit of ground: that of one of its scored cells; 0 where it has none.
 
-    Parameters
-    ----------
-    known : KnownMap
-    scene : Scene
-    unit : int array (rows, columns)
-        Unit of each cell, -1 for none.
-    n_units : int
-    seed : int
+    ``unit`` (rows, columns): unit of each cell, -1 for none.
     """
     cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover != NO_COVER))
     found = np.zeros(n_units, dtype=np.int64)

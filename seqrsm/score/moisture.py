@@ -17,9 +17,9 @@ from seqrsm.score.brightness import retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
 from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
+from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.visits import Sensor
 
 _DUST: Final = 1e-12  # [m6/m6]: rounding where all the ground is one field
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
@@ -31,17 +31,8 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     A radiometer's image gives the mean of squares of 250 m (`seqrsm.score.brightness`), radars' images the moisture of
     bare fields (`seqrsm.score.bare_soil`), on each date by itself. "soil_moisture_error" is the unbiased root mean
     square error [m3/m3]: errors about their mean of each date. "soil_moisture_skill" is one less its square over the
-    variance that the truth has on average: 0 for a guess of the mean, 1 where all is known.
-
-    Parameters
-    ----------
-    images : sequence of RadarImage or RadiometerImage
-        Of one ground; one radiometer, or radars.
-    scene : Scene
-        The scene they were made of.
-    asked : Asked
-    seed, run_id : int
-        Key of the tiles that a field larger than one is divided by.
+    variance that the truth has on average: 0 for a guess of the mean, 1 where all is known. Images are of one ground,
+    by one radiometer, or radars; seed and run id key the tiles that a field larger than one is divided by.
 
     Returns
     -------
@@ -129,14 +120,8 @@ def refuse_combination(sensors: Sequence[Sensor]) -> None:
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:
     """Standard deviation of the mean moisture of pieces of ground about that of the scene, over all occasions [m3/m3].
 
-    What a single occasion has of it changes by a fifth, where a scene is but a few correlation lengths wide.
-
-    Parameters
-    ----------
-    sensor : RadarConfiguration or RadiometerConfiguration
-    scene : Scene
-    block, field : int arrays (n,)
-        Piece of ground and field of each cell that counts.
+    What a single occasion has of it changes by a fifth, where a scene is but a few correlation lengths wide. ``block``
+    and ``field`` (n,): piece of ground and field of each cell that counts.
     """
     if not len(block):
         return 0.0

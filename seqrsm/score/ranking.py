@@ -106,12 +106,7 @@ class RankingFit:
 def fit_rankings(rankings: Sequence[Ranking], n_images: int, n_interpreters: int) -> RankingFit:
     """Scores and interpreter effects with their standard errors.
 
-    Parameters
-    ----------
-    rankings : sequence of Ranking
-        Every image in at least one; the images should be connected by them, see `connected`.
-    n_images, n_interpreters : int
-        At least 1 each.
+    Every image is in at least one ranking; they should be connected by them, see `connected`.
     """
     of = [[ranking for ranking in rankings if ranking.interpreter == j] for j in range(n_interpreters)]
     scores, covariance = _mean_standing(rankings, n_images), np.zeros((n_images, n_images))
@@ -203,20 +198,7 @@ def _newton(function: Callable[[FloatArray], tuple[float, FloatArray, FloatArray
 def log_likelihood(
     rankings: Sequence[Ranking], scores: FloatArray, log_sharpness: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Log likelihood, its gradient and Hessian.
-
-    Parameters
-    ----------
-    rankings : sequence of Ranking
-    scores : ndarray (n,)
-        theta [logit].
-    log_sharpness : ndarray (m,)
-        log kappa.
-
-    Returns
-    -------
-    float, ndarray (n,), ndarray (n, n)
-    """
+    """Log likelihood, its gradient and Hessian in scores theta (n,) [logit] and log kappa (m,), the log sharpness."""
     value, gradient, hessian = 0.0, np.zeros(len(scores)), np.zeros((len(scores), len(scores)))
     for ranking in rankings:
         images = np.array([image for group in ranking.groups for image in group], dtype=np.intp)

@@ -47,15 +47,9 @@ def is_rankings_file(source: TableSource) -> bool:
 def read_rankings(
     source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]
 ) -> tuple[MeasuredRanking, ...]:
-    """The rankings of a file, in its order.
+    """The rankings of a file, in its order, of the applications whose utility is a ranking.
 
-    Parameters
-    ----------
-    source : Path, str, DataFrame or TableText
-    factors : sequence of FactorColumn
-        Their columns stand all in the file, or none of them.
-    measures : sequence of Measure
-        The applications whose utility is a ranking.
+    Columns of ``factors`` stand all in the file, or none of them.
 
     Raises
     ------

@@ -42,11 +42,8 @@ class TableText:
 def table_text(source: TableSource) -> TableText:
     """Text of a table.
 
-    Parameters
-    ----------
-    source : Path, str, DataFrame or TableText
-        A file of at most `MAX_BYTES`: ``.xlsx`` (one sheet; needs openpyxl), ``.parquet`` (needs pyarrow), anything
-        else is text. Of a DataFrame the columns count, and an index that has a name; its header is line 1.
+    A file has at most `MAX_BYTES`: ``.xlsx`` (one sheet; needs openpyxl), ``.parquet`` (needs pyarrow), anything else
+    is text. Of a DataFrame the columns count, and an index that has a name; its header is line 1.
 
     Raises
     ------

@@ -73,19 +73,10 @@ def elevation_gain(
 
 
 def atmosphere_factor(zenith_loss_db: float, incidence_rad: FloatArray) -> FloatArray:
-    """One-way transmission L_T = L_R of eq. (3-20), at most 1.
+    """One-way transmission L_T = L_R of eq. (3-20), at most 1, at incidence angles on flat ground [rad].
 
-    Parameters
-    ----------
-    zenith_loss_db : float
-        One-way loss straight down from the flight line [dB], >= 0.
-    incidence_rad : float64 array
-        Incidence angle on flat ground [rad].
-
-    Returns
-    -------
-    float64 array
-        Loss by the path through a shell of 8 km: the secant of the angle up to some 75 deg, finite at the horizon.
+    Of a loss straight down from the flight line [dB], >= 0, by the path through a shell of 8 km: the secant of the
+    angle up to some 75 deg, finite at the horizon.
     """
     cosine = np.cos(np.asarray(incidence_rad, dtype=np.float64))
     a = EARTH_RADIUS_M / _ATMOSPHERE_M

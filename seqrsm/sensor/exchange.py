@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
-from seqrsm.sensor.named import noise_equivalent_db, pulses, with_noise
+from seqrsm.sensor.named import GROUND_K, noise_equivalent_db, pulses, with_noise
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -18,40 +18,25 @@ S = TypeVar("S", RadarConfiguration, RadiometerConfiguration)
 PROPERTIES: Final = ("frequency", "channels", "cell and looks", "angle", "noise")
 """What a sensor's image is owed to, each a part of its parameters (`Parameter.part`); dates are the sixth."""
 
-_GROUND_K: Final = 300.0
-
 
 def exchanged(base: S, other: S, properties: Collection[str]) -> S:
-    """``base`` with some properties of ``other``, all else as it is.
+    """``base`` with some `PROPERTIES` of ``other``, which is of its kind, all else as it is.
 
     Of radars the cell on the ground, the looks in it and the noise-equivalent sigma0 at the centre stay what they are
     unless they are exchanged, whatever the angle and the frequency become.
-
-    Parameters
-    ----------
-    base, other : RadarConfiguration or RadiometerConfiguration
-        Of one kind.
-    properties : collection of str
-        Of `PROPERTIES`.
 
     Raises
     ------
     ConfigurationError
         The mixture contradicts itself.
     """
-
-    def of(name: str) -> S:
-        return other if name in properties else base
-
-    if isinstance(base, RadarConfiguration) and isinstance(other, RadarConfiguration):
-        return _radar(base, {name: of(name) for name in PROPERTIES})
-    assert isinstance(base, RadiometerConfiguration)
-    assert isinstance(other, RadiometerConfiguration)
-    return _radiometer(base, other, properties)
+    of: dict[str, Any] = {name: other if name in properties else base for name in PROPERTIES}
+    table = RADAR if isinstance(base, RadarConfiguration) else RADIOMETER
+    taken = {row.field: getattr(of[row.part], row.field) for row in table.values() if row.part}
+    return _radar(base, of, taken) if isinstance(base, RadarConfiguration) else _radiometer(base, other, of, taken)
 
 
-def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> RadarConfiguration:
-    taken: dict[str, Any] = {row.field: getattr(of[row.part], row.field) for row in RADAR.values() if row.part}
+def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration], taken: dict[str, Any]) -> RadarConfiguration:
     angle, cell = of["angle"], of["cell and looks"]
     across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
     sine = angle.slant_resolution_m / float(angle.ground_resolution_m(angle.centre_incidence_rad))
@@ -63,26 +48,24 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> Ra
 
 
 def _radiometer(
-    base: RadiometerConfiguration, other: RadiometerConfiguration, properties: Collection[str]
+    base: RadiometerConfiguration,
+    other: RadiometerConfiguration,
+    of: Mapping[str, RadiometerConfiguration],
+    taken: dict[str, Any],
 ) -> RadiometerConfiguration:
-    taken: dict[str, Any] = {
-        row.field: getattr(other if row.part in properties else base, row.field)
-        for row in RADIOMETER.values()
-        if row.part
-    }
-    angle = other if "angle" in properties else base
+    angle = of["angle"]
     taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m
     # A turn moves the beam by many footprints in the time that another scan may integrate.
     taken["integration_time_ms"] = (angle if angle.conical else base).integration_time_ms
     taken["antenna_limit_m"] = max(base.antenna_limit_m, other.antenna_limit_m)  # what is asked is not what is carried
-    if "noise" in properties:
+    if of["noise"] is other:
         # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth
         # where even a receiver without noise would have too much.
-        noise_k = float(other.nedt_k(_GROUND_K))
+        noise_k = float(other.nedt_k(GROUND_K))
         system_k = noise_k * float(1e3 * base.bandwidth_mhz * taken["integration_time_ms"]) ** 0.5
-        wider = max(_GROUND_K / system_k, 1.0) ** 2
+        wider = max(GROUND_K / system_k, 1.0) ** 2
         taken |= {"receiver": "total_power", "gain_fluctuation": 0.0, "bandwidth_mhz": base.bandwidth_mhz * wider}
-        taken["noise_temperature_k"] = max(system_k - _GROUND_K, 0.0)
+        taken["noise_temperature_k"] = max(system_k - GROUND_K, 0.0)
     return replace(base, **taken)
 
 

@@ -57,12 +57,7 @@ def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> f
     The echo lasts as long as the swath is deep, and the pulse; every pulse is received in all channels that its
     transmit polarization has (Curlander and McDonough 1991, Synthetic Aperture Radar: Systems and Signal Processing,
     chapter 6). Bits are those of the converter, or 4 (assumed) where it has none; no headers, no compression.
-
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    near_m, far_m : float
-        Ground ranges of the swath, from the point under the antenna.
+    ``near_m`` and ``far_m`` are ground ranges from the point under the antenna.
     """
     near, far = range_geometry(np.array([max(near_m, 0.0), far_m]), radar.altitude_m, radar.curved).slant_range_m
     echo_s = 2.0 * float(far - near) / SPEED_OF_LIGHT_M_S + 1e-6 * radar.pulse_length_us
@@ -74,11 +69,7 @@ def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> f
 def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limit, ...]:
     """The rules for a radar whose swath reaches over these ground ranges [m]; none for a rotating antenna.
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    near_m, far_m : float
-        Of the swath, from the point under the antenna.
+    Ranges are from the point under the antenna.
     """
     if radar.scan == "ppi":
         return ()

@@ -39,7 +39,7 @@ from seqrsm.sensor.radiometer import RadiometerConfiguration
 _DATA: Final = Path(__file__).with_name("data")
 _WORDS: Final = ("name", "mode", "kind", "status", "platform", "channels", "derived", "recalled", "sources", "notes")
 _AIRCRAFT_M_S: Final = 100.0
-_GROUND_K: Final = 300.0
+GROUND_K: Final = 300.0
 _GAIN_DB: Final = 40.0
 _VIEW_DEG: Final = 40.0  # of all that a synthesis from orbit offers: that at which products are told (recalled)
 _STAYS: Final = 10.0  # times the integration in which a beam that does not turn moves by its width
@@ -263,7 +263,7 @@ def pulses(channels: tuple[str, ...], antenna_length_m: float, speed_m_s: float)
 
 
 def radar_of(
-    sensor: NamedSensor, channels: str, incidence_deg: float, cell_m: float | None = None, **ground: Any
+    sensor: NamedSensor, channels: str, incidence_deg: float, cell_m: float | None = None
 ) -> RadarConfiguration:
     """A named radar over a scene at one incidence angle.
 
@@ -277,8 +277,6 @@ def radar_of(
         At the centre of the scene.
     cell_m : float, optional
         Side of the final cell; finer ones than the product's become that.
-    **ground
-        Fields that say what is seen: season, soil moisture and the like.
 
     Raises
     ------
@@ -309,14 +307,11 @@ def radar_of(
         speed_m_s=sensor.speed_m_s,
         calibration_sd_db=sensor.calibration_sd_db,
         **pulses(both, length, sensor.speed_m_s),
-        **ground,
     )
     return with_noise(radar, sensor.noise_db(incidence_deg))
 
 
-def radiometer_of(
-    sensor: NamedSensor, channels: str, cell_m: float | None = None, **ground: Any
-) -> RadiometerConfiguration:
+def radiometer_of(sensor: NamedSensor, channels: str, cell_m: float | None = None) -> RadiometerConfiguration:
     """A named radiometer over a scene: at its incidence, or its footprint as a square at nadir, line beside line.
 
     Parameters, errors: as of `radar_of`.
@@ -333,12 +328,11 @@ def radiometer_of(
         resolution_m=cell,
         integration_time_ms=known["integration_time_ms"],
         bandwidth_mhz=known["bandwidth_mhz"],
-        noise_temperature_k=max(system_k - _GROUND_K, 0.0),
+        noise_temperature_k=max(system_k - GROUND_K, 0.0),
         scan_period_s=60.0 / known["rotation_rpm"] if "rotation_rpm" in known else 2.0 * cell / sensor.speed_m_s,
         altitude_m=1e3 * known["altitude_km"],
         speed_m_s=sensor.speed_m_s / known.get("feeds", 1.0),
         conical_incidence_deg=sensor.conical_incidence_deg,
-        **ground,
     )
     if not made.conical or "rotation_rpm" in known:
         return made

@@ -337,16 +337,16 @@ class RadarConfiguration:
         return np.maximum(available if self.looks is None else np.minimum(available, self.looks), 1.0)
 
     def received_power_w(
-        self, sigma0: float, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray | None = None
+        self, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray
     ) -> FloatArray:
-        """Mean power of one pulse from one single-look cell of flat ground [W]: eq. (3-20).
+        """Mean power of one pulse from one single-look cell of flat ground of sigma0 = 1 [W]: eq. (3-20).
 
-        The look angle [rad] tells the antenna's gain; it is the incidence angle if not given (on a plane).
+        The look angle [rad] tells the antenna's gain; on a plane it is the incidence angle.
         """
         area = self.ground_resolution_m(incidence_rad) * self.azimuth_resolution_m(slant_range_m)
-        power = self.radar_constant_w_m2() * sigma0 * area
+        power = self.radar_constant_w_m2() * area
         if self.elevation_pattern != "isotropic" or self.zenith_loss_db:
-            two_way = self.elevation_gain(incidence_rad if look_rad is None else look_rad) ** 2
+            two_way = self.elevation_gain(look_rad) ** 2
             power = power * (two_way * self.atmosphere(incidence_rad))
         return np.asarray(power / np.square(np.square(slant_range_m)))
 
@@ -378,10 +378,10 @@ class RadarConfiguration:
         return np.asarray(self.thermal_noise_w() / (self.compression_gain * self.coherent_pulses(slant_range_m)))
 
     def noise_equivalent_sigma0(
-        self, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray | None = None
+        self, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray
     ) -> FloatArray:
         """The sigma0 (linear) of flat ground whose mean power equals the noise power."""
-        return self.noise_power_w(slant_range_m) / self.received_power_w(1.0, incidence_rad, slant_range_m, look_rad)
+        return self.noise_power_w(slant_range_m) / self.received_power_w(incidence_rad, slant_range_m, look_rad)
 
 
 from_settings: Final = partial(configured, "radar", RadarConfiguration, RADAR)

@@ -203,20 +203,15 @@ class RadiometerConfiguration:
         return 1.22 * self.wavelength_m / self.beamwidth_rad(height_m)
 
     def nedt_k(self, antenna_k: FloatArray | float) -> FloatArray:
-        """Radiometric resolution: standard deviation of one footprint's temperature [K].
+        """Radiometric resolution: standard deviation of one footprint's temperature [K] at an antenna temperature [K].
 
         From the variance of the detected power of Gaussian noise in 2 B tau independent samples (Tiuri 1964, Radio
-        astronomy receivers, IEEE Trans. Military Electronics 8):
+        astronomy receivers, IEEE Trans. Military Electronics 8), T_A that of the antenna:
 
         * total power: T_sys**2 / (B tau) + (T_sys dG/G)**2, T_sys = T_A + T_N;
         * Dicke, half the time on the load: 2 (T_sys**2 + T_load**2) / (B tau) + ((T_A - T_ref) dG/G)**2;
         * correlation of two receivers behind a hybrid with a load: 2 (T_mean**2 + ((T_A - T_ref) / 2)**2) / (B tau) +
           ((T_A - T_ref) dG/G)**2, T_mean = (T_A + T_ref) / 2 + T_N.
-
-        Parameters
-        ----------
-        antenna_k : float array
-            Antenna temperature T_A [K].
         """
         antenna = np.asarray(antenna_k, dtype=np.float64)
         system = antenna + self.noise_temperature_k

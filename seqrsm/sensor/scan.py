@@ -93,15 +93,7 @@ class ScanGeometry:
 def scan_geometry(
     radiometer: RadiometerConfiguration, height_m: float, across_m: float, along_m: float
 ) -> ScanGeometry:
-    """Scan of a radiometer over a scene.
-
-    Parameters
-    ----------
-    radiometer : RadiometerConfiguration
-    height_m : float
-        Flight line above the mean ground [m].
-    across_m, along_m : float
-        Extent of the scene across and along the track [m].
+    """Scan of a radiometer at a height over the mean ground [m] of a scene, wide across and long along the track [m].
 
     Raises
     ------
@@ -273,12 +265,9 @@ def _notes(
 
 
 def beam_integral(radiometer: RadiometerConfiguration) -> FloatArray:
-    """Running integral of the antenna pattern along one axis, from 0 to 1.
+    """Running integral (2 n + 1,) of the antenna pattern along one axis, from 0 to 1.
 
-    Returns
-    -------
-    float64 array (2 n + 1,)
-        At steps of 1 / `BEAM_STEPS_A_WIDTH` beamwidths, centred on the beam's axis; the pattern is cut at the ends.
+    At steps of 1 / `BEAM_STEPS_A_WIDTH` beamwidths, centred on the beam's axis; the pattern is cut at the ends.
 
     Raises
     ------

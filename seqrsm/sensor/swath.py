@@ -16,24 +16,10 @@ from seqrsm.sensor.radar import RadarConfiguration, at_fault, rounded_down, roun
 def ground_ranges_m(
     radar: RadarConfiguration, n_rows: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
 ) -> tuple[FloatArray, slice]:
-    """Ground range of the centre of each row of a scene [m], the depression angle pointing at its centre.
+    """Ground range (n_rows,) of the centre of each row of a scene [m], and the rows within the swath.
 
-    Of a plan-position indicator rows are rings, a cell apart.
-
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    n_rows : int
-        Cells of the scene across the track.
-    cell_m : float
-        Side of a cell [m].
-    mean_elevation_m, highest_elevation_m : float
-        Of the scene [m].
-
-    Returns
-    -------
-    float64 array (n_rows,), slice
-        Ground ranges, and the rows within the swath.
+    The depression angle points at the centre; rows are cells across the track, of a plan-position indicator rings, a
+    cell of ``cell_m`` apart. Mean and highest elevation are the scene's [m].
 
     Raises
     ------

@@ -208,13 +208,8 @@ def grey_scales(pictures: Iterable[Picture]) -> dict[str, GreyScale]:
 def greytones(picture: Picture, scales: Mapping[str, GreyScale] | None = None) -> AnyArray:
     """Grey tones of every channel by RSL TR 380-1 eqs. (3-18) and (3-50), uint8 (channels, n, m).
 
-    Film with gamma = 1; the known target of the calibration is the black end. What is not seen is black.
-
-    Parameters
-    ----------
-    picture : Picture
-    scales : Mapping, optional
-        Calibration by channel; made from the picture itself if not given.
+    Film with gamma = 1; the known target of the calibration is the black end. What is not seen is black. ``scales``:
+    calibration by channel; made from the picture itself if not given.
     """
     if scales is None:
         scales = grey_scales([picture])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import scipy
@@ -21,11 +21,7 @@ from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.radiometer import RadiometerConfiguration
-
-Sensor: TypeAlias = RadarConfiguration | RadiometerConfiguration
-
+from seqrsm.sensor.exchange import Sensor
 
 _LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
 _SLOW_SHARE, _SLOW_DAYS, _FAST_DAYS = 0.74, 30.0, 4.5
@@ -200,12 +196,7 @@ def known_moisture(scene: Scene, sensor: Sensor, mean: float, limits: tuple[floa
     return np.asarray(np.where(np.isfinite(layer), shifted, mean))
 
 
-def moisture_spread(scene: Scene, sensor: Sensor) -> float:
-    """Standard deviation of the fields' moisture about the date's mean [m3/m3], as it can be known beforehand."""
-    return math.hypot(sensor.soil_moisture_field_sd, region_spread(scene, sensor))
-
-
 def region_spread(scene: Scene, sensor: Sensor) -> float:
-    """The part of it that near fields share [m3/m3]: that of the data base, else that of the sensor's ground."""
+    """Standard deviation of moisture that near fields share [m3/m3]: of the data base, else of the sensor's ground."""
     layer = moisture_of_fields(scene)
     return sensor.soil_moisture_region_sd if layer is None else float(np.nanstd(layer))

@@ -219,12 +219,7 @@ class CampaignSpec:
 
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
-    """Read and check a campaign's specification.
-
-    Parameters
-    ----------
-    location : Path or str
-        The campaign's folder, or its ``campaign.toml``.
+    """Read and check the specification of a campaign's folder, or of its ``campaign.toml``.
 
     Raises
     ------

@@ -21,17 +21,9 @@ _STRING = re.compile(
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """Line of every table, key and array element of a valid TOML text.
+    """Line, from 1, of every table, key and array element of a text that :func:`tomllib.loads` accepts.
 
-    Parameters
-    ----------
-    text : str
-        Text that :func:`tomllib.loads` accepts.
-
-    Returns
-    -------
-    dict of path to int
-        1-based lines. A path holds keys and, for arrays, indices: ``("factor", 0, "low")``.
+    A path holds keys and, for arrays, indices: ``("factor", 0, "low")``.
     """
     lines: dict[Path, int] = {(): 1}
     arrays: dict[Path, int] = {}  # of tables: index of the last

@@ -18,14 +18,7 @@ from seqrsm.spec.templates import new_folder
 
 
 def create_campaign(folder: Path, tables: Mapping[str, Any]) -> None:
-    """Make a campaign's folder.
-
-    Parameters
-    ----------
-    folder : Path
-        New, or empty.
-    tables : Mapping
-        The tables of ``campaign.toml``, repeated ones as lists; see `seqrsm.spec.read`.
+    """Make a campaign's folder, new or empty, of the tables of ``campaign.toml``, repeated ones as lists.
 
     Raises
     ------

@@ -146,21 +146,10 @@ class Store:
     # -- proposing and carrying out -------------------------------------------------------------------------------
 
     def add_batch(self, runs: Sequence[NewRun], *, issue: bool = False, budget: int | None = None) -> tuple[int, ...]:
-        """Store proposals as one batch; all or none. A decision, see `mark`.
+        """Store proposals as one batch; all or none; return run ids in the order given. A decision, see `mark`.
 
-        Parameters
-        ----------
-        runs : sequence of NewRun
-            Equal settings are repeats and stay apart.
-        issue : bool
-            Issue them at once.
-        budget : int, optional
-            Runs of the whole campaign, confirmation runs apart, that must not be passed.
-
-        Returns
-        -------
-        tuple of int
-            Run ids in the order given.
+        Equal settings are repeats and stay apart. ``issue`` them at once; ``budget`` is that of the whole campaign,
+        confirmation runs apart, which must not be passed.
 
         Raises
         ------
@@ -184,18 +173,9 @@ class Store:
             ledger.move(run_ids, "issued", _ISSUED | {"issued_at": utc_now()})
 
     def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
-        """Issue failed runs again: those named, or all whose failure did not lie with their settings.
+        """Issue failed runs again, named ones or all whose failure did not lie with their settings; return their ids.
 
-        Parameters
-        ----------
-        run_ids : sequence of int
-        attempts : int, optional
-            Only those that were begun less often; otherwise attempts are counted anew.
-
-        Returns
-        -------
-        tuple of int
-            Their ids.
+        ``attempts``: only those that were begun less often; otherwise attempts are counted anew.
 
         Raises
         ------
@@ -216,10 +196,7 @@ class Store:
     def claim(self) -> tuple[RunRecord, ...]:
         """Take proposed or issued simulations for this process to carry out; no two processes get the same run.
 
-        Returns
-        -------
-        tuple of RunRecord
-            The runs, now in state "running".
+        Returns the runs, now in state "running".
         """
         free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == "simulation")
         query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id)
@@ -231,19 +208,9 @@ class Store:
             return ledger.runs(RUNS.c.id.in_(ids))
 
     def record_scores(self, run_id: int, scores: Sequence[NewScore]) -> bool:
-        """Record the scores of a run's applications together; durable when this returns.
+        """Record the scores of a run's applications, each once, together; durable when this returns.
 
-        Parameters
-        ----------
-        run_id : int
-            A run that is not void.
-        scores : sequence of NewScore
-            Different applications.
-
-        Returns
-        -------
-        bool
-            False when the run had exactly these scores already (a worker that was thought dead came back).
+        False when the run had exactly these scores already (a worker that was thought dead came back).
 
         Raises
         ------
@@ -287,15 +254,10 @@ class Store:
             ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
 
     def release_stale(self) -> tuple[int, ...]:
-        """Issue again the runs whose process died.
+        """Issue again the runs whose process died; return their ids.
 
         A run is stale when its process ran on this host and is gone, or when nothing was heard of the process for more
         than `LEASE_S`. Should it come back after all, its scores are those of any other process, and are kept once.
-
-        Returns
-        -------
-        tuple of int
-            Ids of the runs released.
         """
         limit = utc_now(LEASE_S)
         with self._write() as ledger:
@@ -312,12 +274,7 @@ class Store:
     def ingest_files(self, files: Sequence[IngestedFile], *, dry_run: bool = False) -> tuple[IngestOutcome, ...]:
         """Take in files of measured scores and rankings, in order; all of them or none.
 
-        Parameters
-        ----------
-        files : sequence of IngestedFile
-            One whose content was taken in before changes nothing.
-        dry_run : bool
-            Do everything, then undo it.
+        One whose content was taken in before changes nothing. ``dry_run``: do everything, then undo it.
 
         Raises
         ------

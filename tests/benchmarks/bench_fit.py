@@ -13,11 +13,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 import emcee
 import numpy as np
 import statsmodels
 import statsmodels.api as sm
 from scipy.special import gammaln
+from shorthands import sample_posterior
 from statsmodels.stats.outliers_influence import OLSInfluence, variance_inflation_factor
 
 from seqrsm.design.factors import ContinuousFactor
@@ -27,12 +29,13 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
-from seqrsm.fit.ensemble import ENSEMBLES, WALKERS, Sampled, sample_model, sample_posterior
+from seqrsm.fit.ensemble import ENSEMBLES, WALKERS, Sampled, sample
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
-from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.natural import natural_transform
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.target import general_target
 
 NU = 4.0
 
@@ -82,7 +85,7 @@ def samplers(Z: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> dict[str
         "normal errors, flat prior": lambda: sample_posterior(Z, y, seed=1),
         "Student-t errors": lambda: sample_posterior(Z, y, errors=StudentT(), seed=1),
         "bounded effects of two factors": lambda: sample_posterior(Z, y, bounds=bounds, seed=1),
-        "beta-binomial counts": lambda: sample_model(beta_binomial_model(Z, correct, trials, logit), seed=1),
+        "beta-binomial counts": lambda: sample(general_target(beta_binomial_model(Z, correct, trials, logit)), 1),
     }
 
 
@@ -101,7 +104,7 @@ def measure() -> list[str]:
 
     def ours() -> None:
         fit = fit_least_squares(Z, y, model.terms, setting_ids=ids)
-        fit.anova(), fit.vif(), fit.interval(), fit.p_value, natural_coefficients(model, fit)
+        fit.anova(), fit.vif(), fit.interval(), fit.p_value, fit.predict(natural_transform(model))
         for factor in factors:
             fit.partial_f(model.factor_terms(factor.name))
         influential_runs(fit), normal_plot(fit)

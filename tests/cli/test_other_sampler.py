@@ -48,7 +48,7 @@ def test_gibbs_draws_where_emcee_does_not_converge_are_told(tmp_path, monkeypatc
     def never(*_args, **_more):
         raise ConvergenceError("no")
 
-    monkeypatch.setattr("seqrsm.fit.ensemble.sample_posterior", never)
+    monkeypatch.setattr("seqrsm.fit.ensemble.sample", never)
     method, told = drawn(tmp_path / "c", quadratic(), STUDENT, "emcee")
     assert method == "gibbs"
     assert told == ["The posterior was drawn by Gibbs sampling because emcee did not converge."]

@@ -261,7 +261,8 @@ def test_receivers():
     s = scene(np.zeros((80, 60)), 5.0)
     plain = quiet(s, radar())
     flat = range_geometry(np.array([6000.0 / math.tan(math.pi / 4)]), 6000.0, False)
-    level = float(radar(earth="flat").received_power_w(1.0, flat.incidence_rad, flat.slant_range_m)[0]) * 0.1
+    theta = flat.incidence_rad
+    level = float(radar(earth="flat").received_power_w(theta, flat.slant_range_m, theta)[0]) * 0.1
     p = plain.intensity.astype(float)
     expected = {
         "square_law": p * p / level,

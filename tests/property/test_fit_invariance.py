@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.natural import natural_coefficients, natural_transform
+from seqrsm.fit.natural import natural_transform
 from seqrsm.fit.optimum import optimum
 
 SEEDS = st.integers(0, 10_000)
@@ -47,7 +47,7 @@ def test_units(seed: int, scale: float, shift: float) -> None:
     np.testing.assert_allclose(fit2.estimate, fit.estimate, rtol=1e-7, atol=1e-7)
     one, two = optimum(model, region, fit.estimate), optimum(model2, region2, fit2.estimate)
     assert two.value == pytest.approx(one.value, rel=1e-9)
-    natural, natural2 = natural_coefficients(model, fit), natural_coefficients(model2, fit2)
+    natural, natural2 = fit.predict(natural_transform(model)), fit2.predict(natural_transform(model2))
     square = model.term_names.index("a^2")
     assert natural2.mean[square] * scale**2 == pytest.approx(natural.mean[square], rel=1e-6)
     assert natural2.se_mean[square] * scale**2 == pytest.approx(natural.se_mean[square], rel=1e-6)
@@ -82,7 +82,7 @@ def test_order_of_runs_and_positive_covariance(seed: int) -> None:
     np.testing.assert_allclose(other.estimate, fit.estimate, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(other.leverage, fit.leverage[order], rtol=1e-9)
     assert np.linalg.eigvalsh(fit.covariance_unscaled)[0] > 0.0
-    natural = natural_coefficients(model, fit)
+    natural = fit.predict(natural_transform(model))
     T = natural_transform(model)
     assert np.linalg.eigvalsh(T @ fit.covariance_unscaled @ T.T)[0] > 0.0
     np.testing.assert_allclose(natural.se_mean**2, fit.s**2 * np.diagonal(T @ fit.covariance_unscaled @ T.T), rtol=1e-8)

@@ -21,7 +21,7 @@ from seqrsm.analysis.results import (
 )
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
-from seqrsm.analysis.surfaces import Surface
+from seqrsm.analysis.surfaces import surface_of
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
 from seqrsm.decide.stopping import Look, StopRule, decide
@@ -221,7 +221,7 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
             data=data,
             scale=scale,
             fit=fit,
-            surface=Surface.of(spec, model, data, scale, fit),
+            surface=surface_of(spec, model, data, scale, fit, None),
             departure=Departure(None, float("nan"), 0.0, "the scores were drawn about a quadratic"),
         ),
         importance=tuple(importance),

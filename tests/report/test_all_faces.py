@@ -22,10 +22,11 @@ from typer.testing import CliRunner
 
 import seqrsm.report.sections
 from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.ground import RANKED, Ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
-from seqrsm.analysis.study import term_tests
+from seqrsm.analysis.study import term_test
 from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import CheckResult
@@ -197,7 +198,7 @@ def studied(two_uses: Path, tmp_path_factory: pytest.TempPathFactory):
         spec=campaign.spec,
         analyses=(first, second),
         runs=campaign.store.runs(),
-        compromise=campaign.compromise((first, second)),
+        compromise=campaign_compromise(campaign.spec, (first, second)),
     )
 
 
@@ -276,7 +277,7 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
         "random quadratics", 6.0, "percent",
     )  # fmt: skip
     rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}
-    tests = term_tests(studied.analyses[0], ["look_angle"])
+    tests = [term_test(studied.analyses[0], "look_angle")]
     in_all_faces(
         (
             *check_sections(result, every_note=False),

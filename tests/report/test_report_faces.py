@@ -19,7 +19,7 @@ from report_texts import Page, all_blocks, html_text, of_sections, pdf_text, squ
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.analysis.results import Confirmation
 from seqrsm.analysis.scale import Interval
-from seqrsm.analysis.surfaces import Surface
+from seqrsm.analysis.surfaces import surface_of
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.plain import counted
 from seqrsm.report import write_report
@@ -324,7 +324,7 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
     fit = fit_least_squares(analysis.fit.Z, logits, list(analysis.model.terms))
     scale = dataclasses.replace(analysis.scale, kind="logit")
-    surface = Surface.of(simulated.spec, analysis.model, analysis.data, scale, fit)
+    surface = surface_of(simulated.spec, analysis.model, analysis.data, scale, fit, None)
     fitted = dataclasses.replace(analysis.fitted, fit=fit, scale=scale, surface=surface)
     drawn = line(dataclasses.replace(analysis, fitted=fitted), 0)
     assert np.all((drawn.prediction.low > 0.0) & (drawn.prediction.high < 100.0))

@@ -9,7 +9,6 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.report.wording import (
     axis_label,
-    fixed_label,
     fixed_unit,
     format_setting,
     readable,
@@ -39,7 +38,7 @@ from seqrsm.sensor.parameters import RADAR, RADIOMETER
     ],
 )
 def test_fixed_parameters_have_their_unit(name, value, label, unit):
-    assert (fixed_label(name), fixed_unit(name, value)) == (label, unit)
+    assert (readable(name), fixed_unit(name, value)) == (label, unit)
 
 
 def test_every_number_of_a_sensor_has_a_unit_or_is_a_pure_number():

@@ -16,7 +16,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.intervals import t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.natural import natural_coefficients, natural_transform
+from seqrsm.fit.natural import natural_transform
 
 SETS = 40_000
 LEVEL = 0.95
@@ -142,7 +142,7 @@ def test_natural_coefficients_are_covered() -> None:
     Z, beta, sets = model.matrix(points), np.array([70.0, 4, -3, 2, -6, -5]), 10_000
     y = Z @ beta + 2.0 * rng.normal(size=(sets, 12))
     first = fit_least_squares(Z, y[0], model.terms)
-    natural = natural_coefficients(model, first, LEVEL)
+    natural = first.predict(natural_transform(model), LEVEL)
     estimates = y @ Z @ first.covariance_unscaled
     s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / 6)
     half = half_width(natural.confidence) / first.s * s[:, None]

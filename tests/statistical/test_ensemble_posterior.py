@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shorthands
 from scipy import stats
 from scipy.integrate import simpson
 
@@ -23,7 +24,7 @@ def sample_posterior(*data: np.ndarray, min_ess: float = 4000.0, max_steps: int 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ensemble, "MIN_ESS", min_ess)
         patch.setattr(ensemble, "MAX_STEPS", max_steps)
-        return ensemble.sample_posterior(*data, **options)
+        return shorthands.sample_posterior(*data, **options)
 
 
 def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from scipy.special import expit
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
-from seqrsm.fit.target import GeneralModel, StudentProposal, draws_by_importance
+from seqrsm.fit.target import GeneralModel, StudentProposal, draws_by_importance, general_target
 
 INF = np.array([np.inf])
 ONE = CoefficientPrior(np.array([0.0]), np.array([[1 / 25]]))
@@ -21,7 +21,7 @@ def sample_model(model: GeneralModel, *, seed: int, **effort: float) -> ensemble
     with pytest.MonkeyPatch.context() as patch:
         for name, value in effort.items():
             patch.setattr(ensemble, name.upper(), value)
-        return ensemble.sample_model(model, seed=seed)
+        return ensemble.sample(general_target(model), seed)
 
 
 def grid_margins(axes: list[np.ndarray], log_density: np.ndarray) -> list[np.ndarray]:

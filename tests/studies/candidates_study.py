@@ -14,6 +14,7 @@ import argparse
 import csv
 import itertools
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def flown(channels: str, resolution_m: float, in_worlds: bool) -> FloatArray:
     (sensor,) = sensors_called("AIRSAR L POLSAR 40 MHz")
     looks = EFFECTIVE * 4.0 * (resolution_m / CELL_M) ** 2
     shape = RadarConfiguration(1.25, ("HH",), resolution_m, 60.0, 6e3, 45.0, 8e3, looks=looks, speed_m_s=200.0)
-    own = radar_of(sensor, channels, 40.0, resolution_m, texture_db=TEXTURE_DB, texture_m=TEXTURE_M)
+    own = replace(radar_of(sensor, channels, 40.0, resolution_m), texture_db=TEXTURE_DB, texture_m=TEXTURE_M)
     radar = exchanged(own, shape, ("cell and looks",))
     found = []
     for run in range(1, FLIGHTS + 1):

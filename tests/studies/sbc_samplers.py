@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 from scipy import stats
 from scipy.special import expit
+from shorthands import sample_posterior
 
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -22,10 +25,10 @@ from seqrsm.fit import ensemble
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import elicited_prior
-from seqrsm.fit.ensemble import sample_model, sample_posterior
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.target import general_target
 
 Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 
@@ -53,7 +56,7 @@ def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]
     p = rng.beta(np.maximum(share * phi, 1e-12), np.maximum((1.0 - share) * phi, 1e-12))
     correct = rng.binomial(40, p).astype(float)
     model = beta_binomial_model(Z, correct, np.full(12, 40.0), PRIOR)
-    return np.array([*beta, correlation]), sample_model(model, seed=seed).draws
+    return np.array([*beta, correlation]), ensemble.sample(general_target(model), seed).draws
 
 
 def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:

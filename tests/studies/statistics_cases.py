@@ -18,7 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.natural import natural_coefficients, natural_transform
+from seqrsm.fit.natural import natural_transform
 
 LEVEL = 0.95
 COMPARED = "without the search, to compare"
@@ -138,7 +138,7 @@ def fixed_settings(sets: int) -> Iterator[Row]:
     Z = two.matrix(region.sample(14, rng))
     truth = np.array([70.0, 4, -3, 2, -6, -5])
     fit, _, b, s = many(Z, Z @ truth, list(two.terms), sets, 2.0, rng)
-    natural = natural_coefficients(two, fit, LEVEL)
+    natural = fit.predict(natural_transform(two), LEVEL)
     half = 0.5 * (natural.confidence.high - natural.confidence.low) / fit.s * s[:, None]
     off = np.abs((b - truth) @ natural_transform(two).T)
     shares = np.mean(off <= half, axis=0)

@@ -18,7 +18,7 @@ from seqrsm.fit.conjugate import posterior, weakly_informative
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import AliasedError, fit_least_squares, influential_runs, normal_plot
-from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.natural import natural_transform
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.transforms import logit_to_percent
 
@@ -65,7 +65,7 @@ def test_as_many_runs_as_terms_and_one_more(extra: int) -> None:
     fit = fit_least_squares(model.matrix(points), y, model.terms)
     assert fit.df_residual == extra
     assert np.isfinite(fit.estimate).all()
-    natural = natural_coefficients(model, fit)
+    natural = fit.predict(natural_transform(model))
     assert np.isfinite(natural.mean).all()
     if extra == 0:
         assert "no residual degrees of freedom" in fit.reason

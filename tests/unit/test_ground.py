@@ -13,6 +13,7 @@ from seqrsm.analysis.fitted import fit_surface
 from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, prior_of_difference, ranked_values
 from seqrsm.analysis.runs import response_scale, scored_runs
 from seqrsm.analysis.surfaces import TwoSources, expected_of_flights, surface_of
+from seqrsm.campaign.next_runs import _Chooser
 from seqrsm.campaign.rehearsal import make_campaign, scored_run
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
@@ -175,6 +176,22 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
     assert expected_of_flights(
         replace(spec, model=spec.model.model_copy(update={"discrepancy_sd": 1.5})), model, data, scale, ground
     ) == (1.5, pytest.approx(1.0 / (1.0 - ground.share)))  # fmt: skip
+
+
+def test_before_the_first_flight_flights_are_expected_to_be_as_the_grounds_that_were_measured(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    spec, rng = load_spec(tmp_path), np.random.default_rng(5)
+
+    def score(points: np.ndarray) -> list[NewScore]:
+        return [NewScore("a", float(y)) for y in 60.0 + 4.0 * points[:, 0] + 5.0 * rng.standard_normal(len(points))]
+
+    ground = ground_of_scores(bundle(rng, 4.0, 3.0, worlds=4000))
+    analysis, _ = make_campaign(spec, "simulation", score, n_draws=50, ground=ground)
+    assert analysis.sources is None
+    sd, weight, sigma = _Chooser(spec, analysis).difference()
+    assert sd == pytest.approx(4.0, rel=0.1)
+    assert weight == pytest.approx((4.0**2 + 3.0**2) / 3.0**2, rel=0.1)
+    assert sigma == analysis.fit.s
 
 
 def test_what_the_quadratic_misses_is_no_ground(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
-from seqrsm.fit.natural import natural_coefficients, natural_transform
+from seqrsm.fit.natural import natural_transform
 
 FACTORS = (
     ContinuousFactor("frequency", 1.0, 18.0, "GHz", "log"),
@@ -56,7 +56,7 @@ def problem(order: int, seed: int = 0, n: int = 80):
 def test_same_surface_and_the_standard_errors_of_a_fit_in_natural_units(order: int) -> None:
     model, region, points, y = problem(order)
     coded = fit_least_squares(model.matrix(points), y, model.terms)
-    found = natural_coefficients(model, coded, 0.9)
+    found = coded.predict(natural_transform(model), 0.9)
     direct = fit_least_squares(natural_matrix(model, region, points), y, model.terms)
     np.testing.assert_allclose(found.mean, direct.estimate, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.se_mean, direct.se, rtol=1e-9)
@@ -70,7 +70,7 @@ def test_blocks_are_left_alone() -> None:
     model, _, points, y = problem(2, 1)
     columns, names = block_columns(["a", "b"] * 40)
     fit = fit_least_squares(np.hstack([model.matrix(points), columns]), y, [*model.terms, *names])
-    found = natural_coefficients(model, fit)
+    found = fit.predict(natural_transform(model))
     assert found.mean.shape == (model.p,)
     np.testing.assert_allclose(found.mean, natural_transform(model) @ fit.estimate[: model.p], rtol=1e-12)
 
@@ -100,7 +100,7 @@ def test_range_of_any_width(width: float) -> None:
     points = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)) * 2)
     y = 5 + model.matrix(points)[:, 1] + np.random.default_rng(0).normal(0, 0.1, 18)
     fit = fit_least_squares(model.matrix(points), y, model.terms)
-    found = natural_coefficients(model, fit)
+    found = fit.predict(natural_transform(model))
     half, (b0, b1, b2, b12, b11, b22) = 0.5 * width, fit.estimate
     by_hand = [b0 - b1 + b11, (b1 - 2 * b11) / half, b2 - b12, b12 / half, b11 / half**2, b22]
     np.testing.assert_allclose(found.mean, by_hand, rtol=1e-9)

@@ -7,13 +7,13 @@ import itertools
 import numpy as np
 import pytest
 from short_search import optimal_design
+from shorthands import sample_posterior
 
 from seqrsm import progress
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.ensemble import sample_posterior
 
 FACTORS = tuple(ContinuousFactor(name, -1.0, 1.0) for name in "xyz")
 

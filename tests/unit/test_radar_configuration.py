@@ -69,9 +69,9 @@ def test_signal_to_noise_is_the_textbook_synthetic_aperture_equation():
     ground = C / (2 * 50e6 * math.sin(theta))
     snr = average * 10**5.0 * (C / 5.3e9) ** 3 * 0.1 * ground * 10**-0.3
     snr /= 2 * (4 * math.pi) ** 3 * R**3 * 100.0 * 1.380649e-23 * 290.0 * 10**0.4
-    got = r.received_power_w(0.1, theta, R) / r.noise_power_w(np.array([R]))[0]
+    got = 0.1 * r.received_power_w(theta, R, theta) / r.noise_power_w(np.array([R]))[0]
     assert got == pytest.approx(snr, rel=1e-10)
-    nesz = r.noise_equivalent_sigma0(np.array([theta]), np.array([R]))[0]
+    nesz = r.noise_equivalent_sigma0(np.array([theta]), np.array([R]), np.array([theta]))[0]
     assert 0.1 / nesz == pytest.approx(snr, rel=1e-10)
 
 

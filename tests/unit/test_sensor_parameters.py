@@ -15,7 +15,7 @@ import pytest
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.errors import ConfigurationError, Problem, SpecError
-from seqrsm.report.wording import fixed_label, fixed_unit
+from seqrsm.report.wording import fixed_unit, readable
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
@@ -143,8 +143,8 @@ def test_reports_show_unit_and_label_of_the_row(engine, row):
     del engine
     assert fixed_unit(row.name, 1.0).replace("\u00b5", "u").replace("\u00b3", "3").replace("\u00b2", "2") == row.unit
     assert fixed_unit(row.name, "word") == ""
-    assert "_" not in fixed_label(row.name)
-    assert not {"prf", "adc", "agc", "n"} & set(fixed_label(row.name).split())  # no word, and a capital is missing
+    assert "_" not in readable(row.name)
+    assert not {"prf", "adc", "agc", "n"} & set(readable(row.name).split())  # no word, and a capital is missing
 
 
 @each_sensor

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
@@ -308,7 +309,7 @@ def test_two_applications_and_a_cost(campaign) -> None:
         runs.append(IngestedRun(None, settings, "flight", "", 1.0, scores))
     made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), tuple(runs))])
     analyses = made.analyse_all(n_draws=300)
-    found = made.compromise(analyses)
+    found = campaign_compromise(made.spec, analyses)
     crops, moisture, cost = found.given_up
     assert analyses[0].optimum.settings["resolution"] < found.settings["resolution"]
     assert crops.given_up > 0.0
@@ -317,7 +318,7 @@ def test_two_applications_and_a_cost(campaign) -> None:
     assert cost.value == pytest.approx(100 / found.settings["resolution"])
     assert cost.own_settings["resolution"] == pytest.approx(50.0)
     assert found.to_json()["pareto_front"]
-    assert made.compromise(analyses[:1]) is None
+    assert campaign_compromise(made.spec, analyses[:1]) is None
 
 
 def test_fresh_runs_that_one_application_wants_do_not_wait_for_the_other(campaign) -> None:

@@ -110,19 +110,9 @@ _NAMESPACE = re.compile(r'\sxmlns(?::\w+)?="[^"]*"')
 
 
 def draw(paint: Callable[[Axes], None], width_in: float = PANEL_WIDTH_IN, height_in: float = PANEL_HEIGHT_IN) -> str:
-    """Let ``paint`` fill the empty axes of a figure and return it as SVG.
+    """Let ``paint`` add artists to the empty axes of a figure of a size [in] and return it as SVG.
 
-    Parameters
-    ----------
-    paint : callable
-        Adds artists to the axes it is given.
-    width_in, height_in : float
-        Size [in].
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element without prologue, metadata and date: equal input gives equal bytes.
+    An ``<svg>`` element without prologue, metadata and date: equal input gives equal bytes.
     """
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -172,12 +162,7 @@ def panel(
 def tell(marks: Artist, texts: Sequence[str]) -> None:
     """Give each mark of a scatter a text that a browser shows while the pointer is over it.
 
-    Parameters
-    ----------
-    marks : Artist
-        A scatter of one size and colour; marks at nan are not drawn and must have no text.
-    texts : sequence of str
-        One for each mark, in their order.
+    Marks are of one size and colour, texts in their order; marks at nan are not drawn and must have no text.
     """
     marks.set_gid("tips:" + _BETWEEN.join(text.replace(_BETWEEN, " ") for text in texts))
 
@@ -192,17 +177,10 @@ def _write_tips(match: re.Match[str]) -> str:
 
 
 def svg_for_html(svg: str, prefix: str) -> str:
-    """Make a drawing fit to stand inside an HTML page beside others.
+    """Make a drawing of ``draw`` fit to stand inside an HTML page beside others.
 
-    Identifiers get a prefix (or drawings would steal each other's clip paths), palette colours become CSS variables,
-    and the namespace declarations that HTML does not need go.
-
-    Parameters
-    ----------
-    svg : str
-        From ``draw``.
-    prefix : str
-        Unique in the page.
+    Identifiers get a prefix, unique in the page (or drawings would steal each other's clip paths), palette colours
+    become CSS variables, and the namespace declarations that HTML does not need go.
     """
     svg = _ID.sub(lambda m: f'id="{prefix}{m[1]}"', svg)
     svg = _LINK.sub(lambda m: f'href="#{prefix}{m[2]}"', svg)

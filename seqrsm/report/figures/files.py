@@ -36,17 +36,8 @@ _SOURCE = b"""
 def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
     """Write each figure of a report as NAME.svg, NAME.pdf, NAME.png and NAME.csv, and their captions.
 
-    Parameters
-    ----------
-    report : Report
-        As both faces show it.
-    folder : Path
-        Made if it is not there; files of the same names are replaced.
-
-    Returns
-    -------
-    tuple of Path
-        The files written, ``captions.csv`` last. The same report gives the same bytes.
+    The folder is made if it is not there; files of the same names are replaced. Returns the files written,
+    ``captions.csv`` last. The same report gives the same bytes.
     """
     written: list[Path] = []
     index: list[tuple[float | str, ...]] = []

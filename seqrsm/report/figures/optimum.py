@@ -38,14 +38,7 @@ _BLACK = "#000000"
 def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], axes: Axes) -> None:
     """Draw contours of the fitted mean over two factors with runs, posterior cloud and optimum.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    surface : Surface
-        Of the same analysis.
-    limits : (float, float)
-        Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
-    axes : Axes
+    ``limits`` are scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
     """
     x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
     levels = np.linspace(limits[0], limits[1], 17)

@@ -16,26 +16,12 @@ from seqrsm.store.records import LookRecord
 def application_sections(
     spec: CampaignSpec, looks: Sequence[LookRecord], analysis: Analysis, key: str
 ) -> tuple[Section, ...]:
-    """Return the findings on one application.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-    looks : sequence of LookRecord
-        Of any application of the campaign.
-    analysis : Analysis
-    key : str
-        With which the keys of the sections begin.
-    """
-    sections = (
-        optimum_section(analysis, key, spec.stop),
-        importance_section(analysis, key),
-        history_section(spec, looks, analysis, key),
-    )
-    return tuple(section for section in sections if section is not None)
+    """Return the findings on one application; ``looks`` are of any, the keys of the sections begin with ``key``."""
+    found = (optimum_section(analysis, key, spec.stop), importance_section(analysis, key))
+    history = history_section(spec, looks, analysis, key)
+    return found if history is None else (*found, history)
 
 
 def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
     """Return how the findings on one application were found: model, shape, paths, diagnostics."""
-    sections = (model_section(analysis, key), shape_section(analysis, key), diagnostics_section(analysis, key))
-    return tuple(section for section in sections if section is not None)
+    return model_section(analysis, key), shape_section(analysis, key), diagnostics_section(analysis, key)

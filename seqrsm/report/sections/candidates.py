@@ -39,13 +39,7 @@ _NAMES = {
 
 
 def candidate_section(measured: Mapping[str, Any] | None) -> Section | None:
-    """Return what ``seqrsm candidates`` found; None where it was not run.
-
-    Parameters
-    ----------
-    measured : Mapping or None
-        From `seqrsm.campaign.candidates.measure_candidates`.
-    """
+    """Return what `seqrsm.campaign.candidates.measure_candidates` found; None where it was not run."""
     if measured is None:
         return None
     several = len(measured["applications"]) > 1

@@ -16,7 +16,6 @@ from seqrsm.report.wording import (
     axis_label,
     describe_factor,
     factor_column,
-    fixed_label,
     fixed_unit,
     format_value,
     level_text,
@@ -57,7 +56,7 @@ def question_section(dossier: Dossier) -> Section:
         blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
     if spec.simulator is not None and spec.simulator.fixed:
         fixed = (
-            f"{fixed_label(name)} {with_unit(format_value(value), fixed_unit(name, value))}"
+            f"{readable(name)} {with_unit(format_value(value), fixed_unit(name, value))}"
             for name, value in spec.simulator.fixed.items()
         )
         blocks.append(Paragraph(f"Sensor parameters held fixed: {'; '.join(fixed)}."))

@@ -24,13 +24,7 @@ _SHOWN, _LEAST = 10, 0.005
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
     """Return the ranking of covers by their share of what is not known of the ground; None where it was not made.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    events : sequence of EventRecord
-        Those of the kind `seqrsm.analysis.ground.RANKED` among them.
-    key : str
-        Of the section.
+    Of the events those of the kind `seqrsm.analysis.ground.RANKED` tell it.
     """
     found = [e.detail for e in events if e.kind == RANKED and e.detail.get("application") == analysis.application]
     best = analysis.optimum

@@ -244,14 +244,7 @@ def _grouped(dossier: Dossier) -> tuple[AboutCovers, AboutChannels, tuple[str, .
 
 
 def group_notes(notes: Iterable[str], categories: Sequence[str]) -> tuple[AboutCovers, AboutChannels, tuple[str, ...]]:
-    """Sort statements of the form "category: ..." and "category channel: ..." from the others.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        As `RadarImage.notes` has them; repeated ones count once.
-    categories : sequence of str
-        Names of the scene's cover categories.
+    """Sort statements of the form "category: ..." and "category channel: ..." from the others, each once.
 
     Returns
     -------

@@ -47,14 +47,9 @@ def speed_section(dossier: Dossier) -> Section | None:
 
 
 def tradeoff_blocks(measured: Mapping[str, Any], units: Mapping[str, str]) -> list[Block]:
-    """What ``seqrsm tradeoff`` measured: coarser databases against the one as it is.
+    """What `seqrsm.campaign.tradeoff.measure_tradeoff` measured: coarser databases against the one as it is.
 
-    Parameters
-    ----------
-    measured : Mapping
-        From `seqrsm.campaign.tradeoff.measure_tradeoff`.
-    units : Mapping
-        Of the scores of each application.
+    ``units`` are those of the scores of each application.
     """
     simulation = measured["simulation"]
     tolerance = simulation["tolerance"]

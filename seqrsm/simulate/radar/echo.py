@@ -68,21 +68,11 @@ class EchoGrid:
 
 
 def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:
-    """Table of sigma0 on equal steps of sin(theta/2) from 0 to 90 deg.
+    """Table of sigma0 (n_channels, n_categories, LUT_STEPS + 2) on equal steps of sin(theta/2) from 0 to 90 deg.
 
     sin(theta/2) is smooth in the angle and needs no inverse function in the kernel. Between the table's angles sigma0
-    is linear in decibels, or in power where it falls to zero, as in the last degree before 90 deg.
-
-    Parameters
-    ----------
-    lookups : sequence of Sigma0Lookup
-        One for each channel.
-    occasion : Occasion
-        Its class offsets are applied.
-
-    Returns
-    -------
-    float64 array (n_channels, n_categories, LUT_STEPS + 2)
+    is linear in decibels, or in power where it falls to zero, as in the last degree before 90 deg. There is a lookup
+    for each channel; the occasion's class offsets are applied.
     """
     out = np.empty((len(lookups), lookups[0].sigma0.shape[0], LUT_STEPS + 2))
     for c, lookup in enumerate(lookups):
@@ -279,12 +269,9 @@ def _sum_echoes(
 
 
 def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
-    """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
+    """Pixel (rows, cols) of each cell of a scene, by its own elevation alone: nothing else need be known of the echo.
 
-    Returns
-    -------
-    int32 array (rows, cols)
-        Pixel, row by row of the image; -1 without data or outside the image.
+    Row by row of the image; -1 without data or outside the image.
     """
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first = int(frame.source[frame.pad_near])

@@ -31,12 +31,7 @@ _REACH: Final = 8.0  # half-power widths to either side; 1.5 % of a sinc**2 lies
 def cell_weights(shape: str, width: float) -> FloatArray:
     """Weights of a pixel and its neighbours in a line, which add up to 1.
 
-    Parameters
-    ----------
-    shape : {"gaussian", "sinc_squared"}
-        Of the response in power.
-    width : float
-        Between its half-power points [pixels].
+    Of a response in power of a shape, "gaussian" or "sinc_squared", so wide between its half-power points [pixels].
     """
     away = np.arange(-math.ceil(_REACH * width), math.ceil(_REACH * width) + 1) / width
     w = 0.5 ** np.square(2.0 * away) if shape == "gaussian" else np.sinc(2.0 * SINC_SQUARED_HALF * away) ** 2
@@ -86,15 +81,10 @@ def normal_table() -> AnyArray:
 def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
     """Tables of y for the rows of an image: four coefficients of a cubic in each step of the normal variate.
 
-    Parameters
-    ----------
-    looks : float64 array (n_range,)
-        N, >= 1.
-
     Returns
     -------
     float64 array (n_tables, k), int64 array (n_range,)
-        A table for each number of looks, and which of them each row takes.
+        A table for each number of looks N >= 1, and which of them each row takes, by its ``looks`` (n_range,).
     """
     return _tables(looks.tobytes())
 

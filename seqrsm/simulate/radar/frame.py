@@ -131,14 +131,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
 
     Relief moves echoes in range, so image rows at the rim would lack echoes from ground outside the swath. Rows beyond
     the swath, mirrored at the edges of the scene, stand in for that ground; they are never scored. Rings of a
-    plan-position indicator stand there themselves.
-
-    Parameters
-    ----------
-    scene : Scene
-    radar : RadarConfiguration
-    precision : {"float32", "float64"}
-        Element type of the elevations.
+    plan-position indicator stand there themselves. ``precision``, "float32" or "float64", is that of the elevations.
 
     Raises
     ------
@@ -293,16 +286,8 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     """Scene in polar coordinates: elevation by straight lines, category and field by the nearest cell.
 
     Rings are a cell apart and reach the farthest corner of the scene; columns are at most a cell apart on the farthest
-    ring. What lies outside the scene is no data.
-
-    Parameters
-    ----------
-    scene : Scene
-    east_m, north_m : float
-        Antenna from the middle of the scene [m].
-    beamwidth_rad : float
-        Half-power width of the beam in azimuth; pixels are as wide, rounded so that their number is a multiple of 4.
-    precision : {"float32", "float64"}
+    ring. What lies outside the scene is no data. The antenna stands east and north of the middle of the scene [m].
+    Pixels are as wide as the half-power beam in azimuth, rounded so that their number is a multiple of 4.
 
     Raises
     ------
@@ -313,7 +298,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     cell = scene.cell_m
     corner = math.hypot(0.5 * cols * cell + abs(east_m), 0.5 * rows * cell + abs(north_m))
     rings = max(math.ceil(corner / cell), 1)
-    pixels = pixels_around(beamwidth_rad)
+    pixels = max(4 * round(0.5 * math.pi / beamwidth_rad), 4)  # around
     wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
     columns = (pixels + 2) * wide
     if rings * columns > _MOST_CELLS:
@@ -345,11 +330,6 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
         place[k] = ring * columns + wide + np.minimum(column, pixels * wide - 1)
     more = {"mean_m": mean, "peak_m": peak, "quarter_turns": 0, "cell_of_scene": place, "wrapped": wide}
     return _layers(elevation, cover, field, **more)
-
-
-def pixels_around(beamwidth_rad: float) -> int:
-    """Number of pixels around, each about a beamwidth: a multiple of 4."""
-    return max(4 * round(0.5 * math.pi / beamwidth_rad), 4)
 
 
 def _sampled(scene: Scene, row: FloatArray, col: FloatArray) -> tuple[FloatArray, AnyArray, AnyArray]:

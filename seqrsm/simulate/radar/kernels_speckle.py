@@ -32,15 +32,7 @@ CUBE_ROOT_REACH = 6.5
 def philox4x32(
     c0: np.uint32, c1: np.uint32, c2: np.uint32, c3: np.uint32, k0: np.uint32, k1: np.uint32
 ) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Four random words of a counter and a key: Philox4x32 with ten rounds (Salmon et al. 2011).
-
-    Parameters
-    ----------
-    c0, c1, c2, c3 : uint32
-        Counter.
-    k0, k1 : uint32
-        Key.
-    """
+    """Four random words of a counter c and a key k: Philox4x32 with ten rounds (Salmon et al. 2011)."""
     for _ in range(10):
         p0 = np.uint64(c0) * _M0
         p1 = np.uint64(c2) * _M1

@@ -85,12 +85,7 @@ class Occasion:
 def draw_ground_state(radar: RadarConfiguration, visit: Visit, *, seed: int, run_id: int) -> tuple[float, float]:
     """Soil moisture [m3/m3] and wind speed [m/s] of a visit, uniform between the radar's stated ends.
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    visit : Visit
-    seed, run_id : int
-        Campaign and run.
+    ``seed`` and ``run_id`` are those of campaign and run.
     """
     moisture = moisture_share(visit, seed=seed, run_id=run_id)
     wind = generator(seed, run_id, visit.dated("wind")).random()

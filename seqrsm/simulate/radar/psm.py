@@ -128,7 +128,7 @@ def _form_image(
     # The last entry is the centre of the swath.
     flat = range_geometry(_places(frame, radar, grid), frame.height_m, frame.curved)
     incidence = flat.incidence_rad
-    calibration = radar.received_power_w(1.0, incidence, flat.slant_range_m, incidence - flat.turn_rad)
+    calibration = radar.received_power_w(incidence, flat.slant_range_m, incidence - flat.turn_rad)
     slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
     looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
     mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), threads)
@@ -222,14 +222,10 @@ def _mean_power(
 
 
 def _smear_range(plane: AnyArray, width: FloatArray) -> None:
-    """Average over the range response where it is wider than a bin (near range, shallow bandwidth).
+    """Average a plane (n_bins, n_pixels) in place over the range response where it is wider than a bin.
 
-    Parameters
-    ----------
-    plane : float array (n_bins, n_pixels)
-        Changed in place.
-    width : float64 array (n_bins,)
-        Width of the range response [bins]; rows with 1 or less are left alone.
+    So it is in near range and with a shallow bandwidth. ``width`` (n_bins,) is that of the range response [bins]; rows
+    with 1 or less are left alone.
     """
     rows = np.flatnonzero(width > 1.0)
     low = np.maximum(rows + 0.5 - 0.5 * width[rows], 0.0)
@@ -285,17 +281,7 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
 def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
     """Channels in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    frame : RadarFrame
-    lookups : sequence of Sigma0Lookup
-        One for each channel.
-
-    Returns
-    -------
-    list of str
-        Each as "kind: what"; empty where all is well.
+    Each as "kind: what"; ``lookups``: one for each channel.
     """
     flat = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
     theta = flat.incidence_rad

@@ -25,19 +25,9 @@ Transfer = Callable[[FloatArray], FloatArray]
 def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -> AnyArray:
     """Intensity of an image after the radar's own receiver M, converter Q and processing S: eqs. (3-1) to (3-3).
 
-    Parameters
-    ----------
-    power_w : float array (n_channels, n_range, n_azimuth)
-        Received power with fading [W].
-    radar : RadarConfiguration
-        Its receiver, level, converter and processing.
-    reference_w : float
-        Power of flat ground of sigma0 = 1 at the centre of the swath [W].
-
-    Returns
-    -------
-    float array of the same type
-        On the scale of the input, which a linear receiver returns itself.
+    ``power_w`` (n_channels, n_range, n_azimuth) is the received power with fading [W], ``reference_w`` that of flat
+    ground of sigma0 = 1 at the centre of the swath [W]. The intensity is of the same type, on the scale of the input,
+    which a linear receiver returns itself.
 
     Raises
     ------
@@ -93,21 +83,11 @@ def named_function(field: str, name: str) -> Transfer:
 
 
 def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | None:
-    """M of a radar's receiver.
+    """M of a radar's receiver of a level [W], > 0; None of a linear one.
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-        ``receiver`` is "linear" (None is returned); "square_law": I = P**2 / level; "saturation": I = P up to the level
-        and no further; "compression", of small signals: I = P**2 / (P + level), square-law below the level and linear
-        above; "agc": the mean over all ranges, followed along the flight over `agc_length_m`, is brought to the level;
-        or a function by name, called with the power array.
-    level_w : float
-        The level [W], > 0.
-
-    Returns
-    -------
-    callable or None
+    "square_law": I = P**2 / level; "saturation": I = P up to the level and no further; "compression", of small signals:
+    I = P**2 / (P + level), square-law below the level and linear above; "agc": the mean over all ranges, followed along
+    the flight over `agc_length_m`, is brought to the level; or a function by name, called with the power array.
 
     Raises
     ------
@@ -142,14 +122,10 @@ def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatAr
 
 
 def picture(image: RadarImage) -> AnyArray:
-    """Whole levels of the image as the radar's calibration asks for it: the final product of the report.
+    """Whole levels (n_channels, n_range, n_azimuth) of the image as the radar's calibration asks for it.
 
-    Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
-    G_RC (eq. 3-18), or with neither so that each channel's median becomes mid-grey.
-
-    Returns
-    -------
-    uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
+    The final product of the report. Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones
+    of film density by the pair P_RC, G_RC (eq. 3-18), or with neither so that each channel's median becomes mid-grey.
     """
     radar, bits, decibels = image.radar, image.radar.n_bits, image.radar.dynamic_range_db
     minimum = radar.i_min_w
@@ -186,19 +162,8 @@ def _median(plane: AnyArray) -> float:
 def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> AnyArray:
     """Density of film, D = gamma log10(I) + log10(K): eqs. (3-4) to (3-6), (3-13), (3-14).
 
-    Parameters
-    ----------
-    intensity_in : float array
-        Exposure I, >= 0; zero gives -inf, which the grey tone clips.
-    gamma : float
-        Slope of the linear part of the film's curve, > 0.
-    k : float
-        Constant of exposure and development, > 0.
-
-    Returns
-    -------
-    float array
-        Of the type of `intensity_in`.
+    Of the exposure I >= 0, and of its type; zero gives -inf, which the grey tone clips. ``gamma`` > 0 is the slope of
+    the linear part of the film's curve, ``k`` > 0 the constant of exposure and development.
     """
     with np.errstate(divide="ignore"):
         density = np.asarray(np.log10(intensity_in))
@@ -214,25 +179,11 @@ def greytone(
     n_bits: int = 8,
     dynamic_range_db: float = 20.0,
 ) -> FloatArray:
-    """Grey tone of a film density: eq. (3-18), clipped to 0 .. 2**n - 1 and not yet rounded.
+    """Grey tone of a film density: eq. (3-18), clipped to 0 .. 2**n - 1 and not yet rounded, see `to_levels`.
 
     Eq. (3-19) is the same written out; its printed denominator 10**m is m/10, as (3-18) and the worked example show.
-
-    Parameters
-    ----------
-    density : float array
-        D of `film_density`; -inf (no power at all) becomes 0.
-    calibration_density, calibration_greytone : float
-        D_C and the grey tone G_RC it is given.
-    n_bits : int
-        n, >= 1.
-    dynamic_range_db : float
-        m, the decibels spread over the grey tones, > 0.
-
-    Returns
-    -------
-    float64 array
-        Round it with `to_levels` for an image.
+    The density is D of `film_density`; -inf (no power at all) becomes 0. The calibration is D_C and the grey tone G_RC
+    it is given; n >= 1 are the bits, m > 0 the decibels spread over the grey tones.
     """
     top = 2.0**n_bits - 1.0
     tone = np.asarray(np.asarray(density) - calibration_density)
@@ -271,16 +222,7 @@ def least_intensity(calibration: float, level: float, n_bits: int = 8, dynamic_r
 def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
     """Whole levels of a grey tone or quantised intensity, as the smallest unsigned integers that hold them.
 
-    Parameters
-    ----------
-    tone : float array
-        Within 0 .. 2**n_bits - 1; nan becomes 0.
-    n_bits : int
-        1 to 32.
-
-    Returns
-    -------
-    uint8, uint16 or uint32 array
+    Tones lie within 0 .. 2**n_bits - 1, of 1 to 32 bits; nan becomes 0.
     """
     # Of nan and a number, fmax takes the number.
     level = np.asarray(np.fmax(tone, 0.0))

@@ -123,16 +123,11 @@ class RadarImage:
 def rectangular_pixels(image: RadarImage) -> IntArray:
     """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.
 
-    Parameters
-    ----------
-    image : RadarImage
-        Of a plan-position indicator.
-
     Returns
     -------
     int64 array (height, width, points)
-        ``row * n_azimuth + column`` of the image; -1 where it has none. North up, over the scene's extent, pixels of
-        the radar's resolution.
+        ``row * n_azimuth + column`` of the image of a plan-position indicator; -1 where it has none. North up, over the
+        scene's extent, pixels of the radar's resolution.
     """
     rows, cols = (n * image.cell_m for n in image.scene_shape)
     size, radar = image.radar.resolution_m, image.radar
@@ -154,10 +149,7 @@ def rectangular_pixels(image: RadarImage) -> IntArray:
 def rectangular(layer: AnyArray, pixels: IntArray) -> AnyArray:
     """Layers (..., n_range, n_azimuth) turned into (..., height, width) by `rectangular_pixels`: means of the points.
 
-    Returns
-    -------
-    float array
-        nan where no point is seen.
+    nan where no point is seen.
     """
     flat = layer.reshape(*layer.shape[:-2], -1)
     seen = pixels >= 0

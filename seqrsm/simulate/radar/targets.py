@@ -74,14 +74,10 @@ class CulturalTarget:
         return float(peak * 2.0 ** -((2.0 * away / self.lobe_deg) ** 2))
 
 
-def _directions(words: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in words.replace(";", " ").split())
-
-
 _REQUIRED: Final[Mapping[str, Callable[[str], Any]]] = {"row": int, "column": int, "cross_section_dbm2": float}
 _OPTIONAL: Final[Mapping[str, Callable[[str], Any]]] = {
     "height_m": float,
-    "directions_deg": _directions,
+    "directions_deg": lambda words: tuple(float(word) for word in words.replace(";", " ").split()),
     "lobe_deg": float,
 }
 
@@ -89,11 +85,8 @@ _OPTIONAL: Final[Mapping[str, Callable[[str], Any]]] = {
 def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     """Cultural targets of a CSV file.
 
-    Parameters
-    ----------
-    path : str
-        Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
-        directions are separated by blanks.
+    Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
+    directions are separated by blanks.
 
     Raises
     ------

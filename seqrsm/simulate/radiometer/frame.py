@@ -93,16 +93,7 @@ def surface_temperature_k(
     lookup: EmissivityLookup,
     occasion: RadiometerOccasion,
 ) -> AnyArray:
-    """Physical temperature of every element in the frame [K], with the occasion's departures.
-
-    Parameters
-    ----------
-    scene, frame, radiometer, lookup, occasion
-        As in `simulate_radiometer`.
-
-    Returns
-    -------
-    float array (n, m)
+    """Physical temperature of every element (n, m) in the frame [K], with the occasion's departures.
 
     Raises
     ------

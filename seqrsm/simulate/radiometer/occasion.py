@@ -71,21 +71,11 @@ def draw_radiometer_occasion(
     seed: int,
     run_id: int,
 ) -> RadiometerOccasion:
-    """Draw the ground's state of one visit.
+    """Draw the ground's state of one visit, of campaign and run; there is a lookup for each channel.
 
     Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
     gives as their correlation, and a channel's draw does not depend on which others are received. Moistures stay
     between the table's ends.
-
-    Parameters
-    ----------
-    radiometer : RadiometerConfiguration
-    lookups : sequence of EmissivityLookup
-        One for each channel.
-    scene : Scene
-    visit : Visit
-    seed, run_id : int
-        Campaign and run.
     """
     field_category = categories_of_fields(scene)
     n_categories, n_fields = len(lookups[0].categories), len(field_category)

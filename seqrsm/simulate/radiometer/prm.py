@@ -141,25 +141,9 @@ def air_over(radiometer: RadiometerConfiguration, planck_k: float) -> Atmosphere
 def check_radiometer(
     scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None = None
 ) -> ScanGeometry:
-    """Refuse before any run what `simulate_radiometer` would refuse; costs next to nothing.
+    """Refuse before any run what `simulate_radiometer` would refuse, and with its errors; costs next to nothing.
 
-    Parameters
-    ----------
-    scene : Scene
-    radiometer : RadiometerConfiguration
-    table : EmissivityTable
-    day : float or None
-        Of the year.
-
-    Returns
-    -------
-    ScanGeometry
-        Its notes tell of gaps, overlap, idle time and smear.
-
-    Raises
-    ------
-    ConfigurationError, ScatteringDataError, SceneError
-        As in `simulate_radiometer`.
+    ``day`` is of the year. Notes of the scan tell of gaps, overlap, idle time and smear.
     """
     _, mean, _ = known_heights(scene)
     if radiometer.temperature == "layer":
@@ -172,14 +156,7 @@ def check_radiometer(
 def radiation_map(
     met: Meeting, radiometer: RadiometerConfiguration, ground_k: AnyArray
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Program POWER: what every element sends to the antenna, eq. (3-35).
-
-    Parameters
-    ----------
-    met : Meeting
-    radiometer : RadiometerConfiguration
-    ground_k : float array (n, m)
-        Physical temperature [K].
+    """Program POWER: what every element sends to the antenna, eq. (3-35); ``ground_k`` (n, m) is its temperature [K].
 
     Returns
     -------
