@@ -146,3 +146,26 @@ def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, cod
     found = json.loads(told.stdout)
     assert found["plans"][0]["runs"] == runs
     assert (found["refused"] != "") == (code == 2)
+
+
+@pytest.mark.parametrize("counts", [False, True])
+def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
+    """A scatter of 0.8 percent, or of 400 decisions of which 96 percent are right."""
+    model = 'response = "logit"\n' + 'weights = "counts"\n' * counts
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "m"\nseed = 1\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
+        '[[application]]\nname = "score"\n'
+        f'utility = "percent_correct"\n[model]\n{model}[stop]\nhalf_width = 4.0\nmax_runs = 200\n',
+        encoding="utf-8",
+    )
+    rng, x = np.random.default_rng(0), np.tile(np.linspace(-1.0, 1.0, 7), 20)
+    top = 96.0 - 6.0 * x**2
+    right = rng.binomial(400, top / 100.0)
+    scores = [f"{a},{c / 4},400,{c}" if counts else f"{a},{b}" for a, b, c in zip(x, rng.normal(top, 0.8), right)]
+    (tmp_path / "s.csv").write_text(
+        "\n".join(["x,score,n,correct" if counts else "x,score", *scores]), encoding="utf-8"
+    )
+    done = CliRunner().invoke(app, ["ingest", str(tmp_path), str(tmp_path / "s.csv"), "--accept"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
+    assert found["noise"] == pytest.approx(np.sqrt(96.0 * 4.0 / 400.0) if counts else 0.8, rel=0.2)
