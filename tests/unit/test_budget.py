@@ -161,7 +161,8 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     rng, x = np.random.default_rng(0), np.tile(np.linspace(-1.0, 1.0, 7), 20)
     top = 96.0 - 6.0 * x**2
     right = rng.binomial(400, top / 100.0)
-    scores = [f"{a},{c / 4},400,{c}" if counts else f"{a},{b}" for a, b, c in zip(x, rng.normal(top, 0.8), right)]
+    made = zip(x, rng.normal(top, 0.8), right, strict=True)
+    scores = [f"{a},{c / 4},400,{c}" if counts else f"{a},{b}" for a, b, c in made]
     (tmp_path / "s.csv").write_text(
         "\n".join(["x,score,n,correct" if counts else "x,score", *scores]), encoding="utf-8"
     )
