@@ -408,6 +408,27 @@ def test_a_block_that_is_another_but_for_case_or_blanks_is_held_back(tmp_path):
     assert "2 new runs" in folder.call("ingest", again, "--accept")
 
 
+def test_a_corrected_score_does_not_count_beside_the_wrong_one(make):
+    """An agency delivers its table again with one score corrected: the rest is known, and that row is no repeat."""
+    folder = make()
+    head = f"{HEADER},date\n"
+    first, second = "1.5,12,HH,70,3 June\n", "1.5,12,HH,71,3 June\n"
+    folder.ingest(head + first + second)
+    told = folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv", code=2)
+    assert "corrected.csv:3: score: run 2 has score 71 and the rest is the same (got 75.0)" in told
+    assert "seqrsm void DIR 2 --why TEXT" in told
+    assert [run["scores"][0]["score"] for run in folder.runs()] == [70, 71]
+    folder.call("void", 2, "--why", "corrected")
+    folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv")
+    assert [run["scores"][0]["score"] for run in folder.runs() if run["state"] == "scored"] == [70, 75]
+    folder.ingest(head + "1.5,12,HH,76,4 June\n", name="repeat.csv")
+
+
+def test_a_setting_just_outside_is_not_taken_for_feet(make):
+    folder = make()
+    assert "outside the campaign's region" in folder.ingest(f"{HEADER}\n1.5,65,HH,70\n")
+
+
 def test_a_wrong_count_is_told_once(tmp_path):
     folder = Folder(tmp_path, SPEC.format(more=""))
     told = folder.call("ingest", folder.write("frequency,resolution,polarization,n,correct\n2,10,HH,0,0\n"), code=2)
