@@ -139,6 +139,10 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
 def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
     file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block")
+    for score in file.scores:
+        if spec.application(score.application).utility == "rank":
+            message, remedy = (f"the scores of '{score.application}' come from rankings", "Give rankings.")
+            raise ScoresFileError(message, remedy, file=file.name, line=score.line, field="score")
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))

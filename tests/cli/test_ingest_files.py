@@ -369,6 +369,18 @@ def test_bad_rankings(ranked, content, says):
     assert ranked.document()["rankings"] == []
 
 
+def test_a_score_by_hand_is_no_ranking(ranked):
+    """Nobody knows its scale: scores of rankings are in logits."""
+    told = ranked.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,2\n", code=2)
+    assert "scores.csv:2: score: the scores of 'clear' come from rankings" in told
+
+
+def test_the_columns_of_a_ranking_are_told_their_names(ranked):
+    told = ranked.ingest("Run_ID,Interpreter,Rank\n1,ann,1\n2,ann,2\n", code=2)
+    assert "interpreter: there is no such column. Rename the column 'Interpreter' to 'interpreter'." in told
+    assert "score" not in told.replace("scores.csv", "")
+
+
 def test_rankings_and_scores_do_not_mix(ranked, make):
     ranked.ingest(ranking_file(ann="1 2 3"))
     assert "come from rankings" in ranked.ingest(f"{HEADER}\n1.5,12,HH,2\n", name="scores2.csv", code=2)
