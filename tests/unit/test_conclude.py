@@ -20,6 +20,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
+from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
@@ -245,3 +246,12 @@ def test_no_edge_is_widened_that_has_nothing_beyond(tmp_path: Path) -> None:
         spec = replace(made.spec, simulator=simulator and SimpleNamespace(engine=simulator))
         (told,) = [step for step in _next_steps(spec, replace(found, optimum=best)) if step.startswith("Consider")]
         assert told.endswith(f"its edge, {edge} constraint x0 <= 0.5.")
+
+
+def test_the_diagnostics_call_the_recommended_settings_an_extrapolation_where_the_warnings_do(tmp_path) -> None:
+    """Whatever the quadratic alone would recommend: the first page and the appendix are of the same settings."""
+    points = np.random.default_rng(5).uniform(-0.7, 0.7, (14, 2))
+    found = analysed(tmp_path / "c", specification(numeric(2)), points, points.sum(axis=1) + 0.1 * NOISE[:14])
+    assert any(text.startswith("The optimum is an extrapolation") for text in found.warnings)  # at a corner
+    inner = replace(found, of_quadratic=replace(found.of_quadratic, point=np.zeros(2)))
+    assert "The recommended settings are an extrapolation" in str(diagnostics_section(inner, "x"))

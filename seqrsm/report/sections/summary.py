@@ -136,7 +136,8 @@ def _is_a_guess(analysis: Analysis) -> bool:
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    settings = listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
+    factors = (factor for factor in analysis.region.factors if _takes_part(factor.name, analysis.optimum.settings))
+    settings = listing([f"{readable(factor.name)} {optimum_setting_text(analysis, factor)}" for factor in factors])
     what = f"the settings with the {best} estimated mean score in the region"
     if _is_a_guess(analysis):
         return (
@@ -242,12 +243,18 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
+def _takes_part(name: str, settings: Mapping[str, float | str]) -> bool:
+    """Whether a factor is of no member of a set of sensors alone, or of one that is in the set."""
+    member, dot, _ = name.partition(".")
+    return not dot or member in str(settings.get("frequency", member)).split("+")
+
+
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
     """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
     name = edge.rpartition(" (")[0]
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
     if parameter is None or edge.startswith("constraint "):
-        return True
+        return edge.startswith("constraint ") or _takes_part(name, settings)
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
@@ -313,6 +320,6 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
         spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
         sources = sorted({run.source for run in scored}, reverse=True)
-        each = ", ".join(f"a {source} {format_plain(cost.of(source))}" for source in sources)
+        each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
         text += f" They cost {spent} ({each})."
     return (Paragraph(text),)
