@@ -213,5 +213,7 @@ def _scored_detail(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _illegal(run_id: int, old: str, new: str) -> Problem:
+    if old == new:
+        return Problem(f"run {run_id} is {old} already")
     allowed = ", ".join(sorted(TRANSITIONS[old])) or "nothing else"
     return Problem(f"run {run_id} is {old} and cannot become {new}", f"From {old} it can become: {allowed}.")
