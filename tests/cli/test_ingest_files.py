@@ -431,9 +431,19 @@ def test_a_corrected_score_does_not_count_beside_the_wrong_one(make):
     assert "seqrsm void DIR 2 --why TEXT" in told
     assert [run["scores"][0]["score"] for run in folder.runs()] == [70, 71]
     folder.call("void", 2, "--why", "corrected")
-    folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv")
+    again = folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv")
+    assert "corrected.csv: 1 score ingested: 1 new run, 1 unchanged run" in again
     assert [run["scores"][0]["score"] for run in folder.runs() if run["state"] == "scored"] == [70, 75]
     folder.ingest(head + "1.5,12,HH,76,4 June\n", name="repeat.csv")
+
+
+def test_a_run_that_is_told_again_without_its_error_is_unchanged(make):
+    folder = make()
+    folder.ingest(f"{HEADER},se\n1.5,12,HH,70,2\n")
+    assert "0 scores ingested: 1 unchanged run" in folder.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,70\n", name="again.csv")
+    assert folder.runs()[0]["scores"][0]["se"] == 2
+    told = folder.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,71\n", name="other.csv", code=2)
+    assert "run 1 is scored already for 'crops' (70) (got 71.0)" in told
 
 
 def test_a_setting_just_outside_is_not_taken_for_feet(make):
