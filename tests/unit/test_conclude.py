@@ -21,7 +21,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
 from seqrsm.report.sections.model import diagnostics_section
-from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation
+from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -255,3 +255,14 @@ def test_the_diagnostics_call_the_recommended_settings_an_extrapolation_where_th
     assert any(text.startswith("The optimum is an extrapolation") for text in found.warnings)  # at a corner
     inner = replace(found, of_quadratic=replace(found.of_quadratic, point=np.zeros(2)))
     assert "The recommended settings are an extrapolation" in str(diagnostics_section(inner, "x"))
+
+
+def test_what_the_key_figures_tell_is_no_next_step(tmp_path) -> None:
+    """The half-width beside its target, and that the budget is spent, stand there once."""
+    text = specification(numeric(2)).replace("half_width = 5.0\nmax_runs = 400", "half_width = 0.1\nmax_runs = 24")
+    found = campaign(tmp_path / "c", text, POINTS, POINTS.sum(axis=1) + NOISE)
+    (analysis,) = found.analyse_all(n_draws=400)
+    assert analysis.verdict == "Budget spent"
+    (steps,) = summary_section(found.spec, [analysis], None, ()).sections[0].blocks
+    assert not any(" at the optimum is \u00b1" in step or "was spent" in step for step in steps.items)
+    assert any("below the noise floor" in step for step in steps.items)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
@@ -105,8 +106,7 @@ def result_section(
     blocks.append(first_panels(analysis, spec.stop_of(analysis.application)))
     blocks.append(_settings_table(analysis))
     blocks += [Paragraph(readable_text(text, names), "note") for text in analysis.notes]
-    why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
-    steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
+    steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *_reasons(analysis)))
     basis = (*made, *_rests(spec, analysis, rests))
     parts = (
         Section(f"{key}-next", "Next steps", (Bullets(steps),)),
@@ -285,6 +285,15 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
+
+
+def _reasons(analysis: Analysis) -> Iterator[str]:
+    """Why not to stop, but for what the key figures tell: the interval against its target, a budget that is spent."""
+    decision = analysis.decision
+    if decision.held or decision.wants_confirmation:
+        return
+    told = {check.text for check in decision.checks if check.name == "interval" and check.holds is False}
+    yield from (text for text in decision.reasons if text not in told and not text.endswith(BUDGET_SPENT))
 
 
 def _loss_sentence(analysis: Analysis) -> str:
