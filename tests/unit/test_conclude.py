@@ -266,3 +266,14 @@ def test_what_the_key_figures_tell_is_no_next_step(tmp_path) -> None:
     (steps,) = summary_section(found.spec, [analysis], None, ()).sections[0].blocks
     assert not any(" at the optimum is \u00b1" in step or "was spent" in step for step in steps.items)
     assert any("below the noise floor" in step for step in steps.items)
+
+
+def test_no_factor_is_most_important_where_none_is_significant(tmp_path) -> None:
+    """By the test of all terms; one of two factors may pass its own by chance."""
+    scores = np.random.default_rng(35).normal(size=24)
+    found = campaign(tmp_path / "c", specification(numeric(2)), POINTS, scores)
+    (analysis,) = found.analyse_all(n_draws=400)
+    assert min(row.p for row in analysis.importance) < 0.05
+    told = str(summary_section(found.spec, [analysis], None, ()))
+    assert told.count("No factor has a significant effect") == 1
+    assert "none significant" in told

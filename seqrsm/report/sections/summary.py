@@ -95,7 +95,7 @@ def result_section(
     """Return one application's result; ``made`` opens its basis, the other arguments are those of `summary_section`."""
     best, names = analysis.optimum, analysis.region.names
     blocks: list[Block] = []
-    flat = [text for text in analysis.warnings if text.startswith(_FLAT)]
+    flat = _flat(analysis)
     blocks += [Paragraph(text, "lead") for text in flat]
     if best.ties and not best.ridge:
         others = "; ".join(rounded_settings(analysis, tie) for tie in best.ties[:_TIES])
@@ -131,6 +131,11 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
 def _is_a_guess(analysis: Analysis) -> bool:
     """Whether no setting is shown to do better than guessing without an image."""
     return any(check.name == "guess" and check.holds is False for check in analysis.decision.checks)
+
+
+def _flat(analysis: Analysis) -> list[str]:
+    """The warning that no factor matters, by the test of all terms, which goes before those of single factors."""
+    return [text for text in analysis.warnings if text.startswith(_FLAT)]
 
 
 def recommendation(analysis: Analysis) -> str:
@@ -202,7 +207,7 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
     first = tested[ranked[0]]
     p = format_p(first.p)
     detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
-    if min(row.p for row in tested.values()) > _CLEAR_P:
+    if _flat(analysis) or min(row.p for row in tested.values()) > _CLEAR_P:
         return "none significant", f"{readable(ranked[0])} ranks first: {detail}"
     if len(ranked) > 1:
         detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
@@ -288,12 +293,14 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
 
 
 def _reasons(analysis: Analysis) -> Iterator[str]:
-    """Why not to stop, but for what the key figures tell: the interval against its target, a budget that is spent."""
+    """Why not to stop, but for what stands above: the interval against its target, a spent budget, a flat surface."""
     decision = analysis.decision
     if decision.held or decision.wants_confirmation:
         return
     told = {check.text for check in decision.checks if check.name == "interval" and check.holds is False}
-    yield from (text for text in decision.reasons if text not in told and not text.endswith(BUDGET_SPENT))
+    for text in decision.reasons:
+        if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(_FLAT)):
+            yield text
 
 
 def _loss_sentence(analysis: Analysis) -> str:
