@@ -42,7 +42,7 @@ def linear_to_db(value: float | FloatArray) -> float | FloatArray:
 
 _KINDS: Final[Sequence[Mapping[str, float]]] = (
     {"GHz": 1e9, "MHz": 1e6, "kHz": 1e3, "Hz": 1.0},
-    {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3},
+    {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
     {"W": 1.0, "kW": 1e3},
     {"deg": np.pi / 180.0, "rad": 1.0},
     {"s": 1.0, "ms": 1e-3, "us": 1e-6},

@@ -22,6 +22,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.to_json import fields_to_json
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.constraints import arithmetic
+from seqrsm.design.factors import CategoricalFactor, central_range
 from seqrsm.design.region import Region
 from seqrsm.fit.intervals import known
 from seqrsm.fit.optimum import Goal, sign_of
@@ -296,9 +297,9 @@ def compromise(
     draw_points, shortfall, losses_of_draws = _draws(objectives, cover, point, merit)
     tail = [0.5 * (1.0 - level), 1.0 - 0.5 * (1.0 - level)]
     credible = {}
-    for j in region.numeric if len(draw_points) else ():
-        low, high = region.factors[j].decode(np.quantile(draw_points[:, j], tail))  # type: ignore[union-attr]
-        credible[region.names[j]] = Interval(float(low), float(high))
+    for factor, column in zip(region.factors, draw_points.T, strict=True) if len(draw_points) else ():
+        if not isinstance(factor, CategoricalFactor):
+            credible[factor.name] = Interval(*central_range(factor, column, tail[0]))
     here = at(point[None, :])[0]
     rows = []
     for i, (objective, own, (worst, best)) in enumerate(zip(objectives, own_points, limits, strict=True)):

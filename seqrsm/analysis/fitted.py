@@ -26,6 +26,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import AliasedError, LeastSquaresFit, block_columns, fit_least_squares
+from seqrsm.plain import counted
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import RunRecord
@@ -113,7 +114,7 @@ def fit_surface(
     columns, names = block_columns(labels)
     n, needed = len(data.scores), model.p + len(names)
     if n < needed:
-        message = f"{n} scored runs cannot determine {needed} terms"
+        message = f"{counted(n, 'scored run')} cannot determine {needed} terms"
         if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
             message += f", {len(names)} of them for blocks"
             raise FitError(message, "Blocks need several runs each: score more in them, or omit the block.")

@@ -11,7 +11,7 @@ from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, central_range
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
@@ -161,8 +161,8 @@ def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingP
     if isinstance(factor, CategoricalFactor):
         share = {level: float(np.mean(coded == i)) for i, level in enumerate(factor.levels)}
         return SettingPosterior(factor.name, np.nan, np.nan, np.nan, np.nan, share)
-    low, high = factor.decode(np.quantile(coded, [tail, 1.0 - tail]))
+    low, high = central_range(factor, coded, tail)
     # The mean is taken on the coded axis, where a factor on a log scale is symmetric.
     mean = float(factor.decode(np.array([np.mean(coded)]))[0])
     at_bound = float(np.mean(np.abs(coded) >= _AT_BOUND))
-    return SettingPosterior(factor.name, mean, float(low), float(high), at_bound, {})
+    return SettingPosterior(factor.name, mean, low, high, at_bound, {})

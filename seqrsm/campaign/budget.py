@@ -100,7 +100,7 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: st
     least = min(plan.half_width for plan in widths)
     near = min((plan for plan in widths if plan.half_width <= _AS_NARROW * least), key=lambda plan: plan.loss)
     how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
-    return f"None of these reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
+    return f"No plan of these reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
 
 
 def random_surfaces(region: Region, noise: float, spread: float, source: str, seed: int) -> Surfaces:

@@ -6,7 +6,7 @@ slipped, a row that stands twice, a column whose name is nearly one that has a m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +23,10 @@ from seqrsm.units import unit_factor, units_like
 
 FAR = 3.0
 """Coded distance from the centre beyond which a setting is far outside: the region's own width beyond its edge."""
+_ROUNDED_ENDS = 0.02
+"""Share of a range by which its ends may have been rounded when its unit was changed."""
+_CLOSE = 5.0
+"""Ratio below which two units are close: a metre has 3.3 feet."""
 _LEAST_SCORES = 6
 _SPREADS = 10.0
 """A score is far from the others when it is so many of their standard deviations (by quartiles) from their median."""
@@ -33,13 +37,8 @@ _Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
 """Row, column, value, what is wrong with it, and what may have been meant."""
 
 
-def suspects(
-    spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]], blocks: Sequence[str] = ()
-) -> list[Problem]:
-    """What looks wrong in a file of scores, alike rows together.
-
-    ``known``: earlier scores of each application; ``blocks``: earlier blocks.
-    """
+def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> list[Problem]:
+    """What looks wrong in a file of scores beside the scored runs of earlier ones, alike rows together."""
     problems = [
         Problem(
             f"the column is kept as your own, but its name resembles '{meant}'"
@@ -55,9 +54,10 @@ def suspects(
     groups: dict[tuple[str, str, str], list[tuple[MeasuredScore, object]]] = {}
     for row, column, value, message, hint in (
         *_settings(spec, file),
-        *_scores(spec, file, known),
-        *_blocks(spec, file, blocks),
+        *_scores(spec, file, runs),
+        *_blocks(spec, file, list(dict.fromkeys(run.block for run in runs))),
         *_twice(file),
+        *_corrections(spec, file, runs),
     ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
@@ -75,17 +75,25 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     Raises
     ------
     SpecError
-        No scored run lies in the factor's range, and most would in another unit.
+        Of the scored runs some lie outside the factor's range, and none would in another unit; or all, and few would.
     """
     for factor in spec.factors:
-        values = [run.settings[factor.name] for run in runs if run.state == "scored" and factor.name in run.settings]
-        if isinstance(factor, CategoricalFactor) or any(_fits(factor, float(value), factor.unit) for value in values):
+        if isinstance(factor, CategoricalFactor):
             continue
-        for unit in units_like(factor.unit):
-            if 2 * sum(_fits(factor, float(value), unit) for value in values) > len(values):
-                message = f"no scored run lies in the range of '{factor.name}', and they would if their settings"
+        values = [run.settings[factor.name] for run in runs if run.state == "scored" and factor.name in run.settings]
+        inside = {
+            unit: sum(_fits(factor, float(value), unit, _ROUNDED_ENDS) for value in values)
+            for unit in (factor.unit, *units_like(factor.unit))
+        }
+        own, n = inside.pop(factor.unit), len(values)
+        for unit, others in inside.items():
+            # A region may move off all runs: into another that close units also give, for a good reason.
+            if own < others == n if own else 2 * others > n and not _close(unit, factor.unit):
+                message = f"{own} of {n} scored runs lie in the range of '{factor.name}', and {others} would if their"
                 place: dict[str, Any] = {"file": str(spec.folder / SPEC_NAME), "field": "unit", "value": factor.unit}
-                raise SpecError(f"{message} were in {unit}", "Restore unit and range, or void the runs.", **place)
+                raise SpecError(
+                    f"{message} settings were in {unit}", "Restore unit and range, or void the runs.", **place
+                )
 
 
 def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:
@@ -104,7 +112,7 @@ def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
             if coded <= 1.0 + 1e-9:
                 continue
             unit = next((one for one in units_like(factor.unit) if _fits(factor, value, one)), "")
-            if unit or coded > FAR:
+            if coded > FAR or (unit and not _close(unit, factor.unit)):
                 where = f"far outside {low:g} to {high:g} {factor.unit}".rstrip()
                 hint = (
                     f"Did you mean {unit}? Then write the header as: {factor.name} [{unit}]" if unit else "Correct it."
@@ -112,18 +120,25 @@ def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
                 yield row, factor.name, value, where, hint
 
 
-def _fits(factor: NumericFactor, value: float, unit: str) -> bool:
-    """Whether the value would lie within the range if it were in this unit."""
+def _fits(factor: NumericFactor, value: float, unit: str, margin: float = 0.0) -> bool:
+    """Whether the value would lie within the range, and a share ``margin`` of it beyond, if it were in this unit."""
     low, high = span(factor)
-    scale = unit_factor(unit, factor.unit)
-    return scale is not None and low <= value * scale <= high
+    scale, beyond = unit_factor(unit, factor.unit), margin * (high - low)
+    return scale is not None and low - beyond <= value * scale <= high + beyond
 
 
-def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]]) -> _Found:
+def _close(unit: str, other: str) -> bool:
+    """Whether units differ so little that a setting just outside the region would lie inside it in the other."""
+    scale = unit_factor(unit, other)
+    return scale is not None and 1.0 / _CLOSE < scale < _CLOSE
+
+
+def _scores(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
     for application in spec.applications:
+        known = [score.score for run in runs if (score := run.score_of(application.name)) is not None]
         rows = [row for row in file.scores if row.application == application.name]
         new = [row.score for row in rows]
-        values = np.array([*new, *known.get(application.name, ())])
+        values = np.array([*new, *known])
         fractions = application.is_percent and application.goal == "maximize" and 0.0 < max(values, default=0.0) <= 1.0
         far = _far(values) & (not application.is_percent)  # a percentage has bounds, and near them scores crowd
         for row, is_far in zip(rows, far, strict=False):
@@ -198,3 +213,20 @@ def _twice(file: ScoresFile) -> _Found:
         if line != row.line:
             hint = "Remove it; a true repeat must differ in a column such as date or note."
             yield row, "row", None, f"the same as line {line} in every column", hint
+
+
+def _corrections(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
+    """Rows of an earlier date or block that differ from a run there in the score alone: a correction counts once."""
+    for row in file.scores:
+        block = block_of(spec, row)
+        told = {**row.metadata, **{key: text for key in ("date", "note") if (text := getattr(row, key))}}
+        for run in runs if row.run_id is None else ():
+            old = run.score_of(row.application)
+            if old is None or not old.source_file or old.score == row.score or run.settings != row.settings:
+                continue
+            shared = {name: text for name, text in told.items() if name in old.metadata}
+            if run.block == block and (block or "date" in shared) and shared.items() <= old.metadata.items():
+                found = f"run {run.run_id} has score {old.score:g} and the rest is the same"
+                hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
+                yield row, "score", row.score, found, f"{hint}. A true repeat must differ in a column such as note."
+                break

@@ -105,21 +105,17 @@ def ingest_files(
 
 def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
     """ScoresFileError where rows look wrong that the store does not have already."""
-    runs = store.runs("scored")
-    known = {
-        app.name: [score.score for run in runs if (score := run.score_of(app.name)) is not None]
-        for app in spec.applications
-    }
-    blocks = list(dict.fromkeys(run.block for run in runs))
-    files = [one[-1] for one in read]
-    if not any(suspects(spec, file, known, blocks) for file in files if file is not None):
+    runs, files = store.runs("scored"), [one[-1] for one in read]
+    if not any(suspects(spec, file, runs) for file in files if file is not None):
         return
     problems: list[Problem] = []
     for file, outcome in zip(files, store.ingest_files([one[0] for one in read], dry_run=True), strict=True):
         if file is not None and outcome.already is None:
             equal = {row.line for row in outcome.equal}
             new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
-            problems += suspects(spec, replace(file, scores=tuple(new)), known, blocks)
+            again = {row.run_id for row in outcome.equal}
+            others = [run for run in runs if run.run_id not in again]
+            problems += suspects(spec, replace(file, scores=tuple(new)), others)
     if problems:
         message = "nothing was ingested: the rows listed above look wrong"
         raise ScoresFileError(*problems, Problem(message, "Correct them, or ingest everything as it is with --accept."))
@@ -143,6 +139,10 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
 def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
     file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block")
+    for score in file.scores:
+        if spec.application(score.application).utility == "rank":
+            message, remedy = (f"the scores of '{score.application}' come from rankings", "Give rankings.")
+            raise ScoresFileError(message, remedy, file=file.name, line=score.line, field="score")
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))

@@ -64,7 +64,7 @@ class Acquisition:
     @property
     def label(self) -> str:
         """Member and day in words, "" where there is but one image."""
-        day = "" if self.visit.day is None else f"day {self.visit.day:g}"
+        day = "" if self.visit.day is None else f"day {self.visit.day:.4g}"
         return ", ".join(part for part in (self.member, day) if part)
 
     def record(self) -> dict[str, Any]:

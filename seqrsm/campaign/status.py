@@ -118,5 +118,5 @@ def latest_look(
             made_of = (spec.spec_hash, application.name, runs, ground)
             found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
     except FitError as error:
-        found["reason"] = f"{len(scored)} scored runs: {error}" if scored else str(error)
+        found["reason"] = str(error)
     return found

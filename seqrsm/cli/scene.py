@@ -72,6 +72,7 @@ def scene_import(
         f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, fields: {n}, median "
         f"{hectares:.3g} ha by area (patches of cover: {n_before}, {hectares_before:.3g} ha)"
     )
+    say(scene.provenance)
     if parcels is None and field_m is None and hectares > _LARGEST_FIELD_HA:
         say(
             "warning: each patch of cover is treated as one field, far larger than real fields, which makes scores too "

@@ -61,7 +61,8 @@ def show_ingest(report: IngestReport) -> None:
             if ids
         ]
         would = "would be ingested" if report.dry_run else "ingested"
-        what = counted(report.n_scores, "rank" if report.ranked or report.rankings else "score")
+        known = len(report.equal) + len({*report.unchanged} - {row.run_id for row in report.equal})
+        what = counted(report.n_scores - known, "rank" if report.ranked or report.rankings else "score")
         if report.rankings:
             first, last = report.rankings[0], report.rankings[-1]
             parts.append(f"ranking {first}" if first == last else f"rankings {first} to {last}")
@@ -91,7 +92,8 @@ def show_ingest(report: IngestReport) -> None:
 def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
     """What a scene holds."""
     line(f"{scene.name}: {scene.elevation_m.shape[0]} x {scene.elevation_m.shape[1]} cells of {scene.cell_m:g} m")
-    line(f"licence: {scene.licence}")
+    line(f"licence: {scene.licence or 'not stated'}")
+    line(f"provenance: {scene.provenance or 'not stated'}")
     for name, value in statistics.items():
         if name == "category_fractions":
             rows = [[category, f"{100 * share:.2f} %"] for category, share in value.items()]

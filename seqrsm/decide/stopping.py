@@ -110,6 +110,7 @@ class StopRule:
         return float(self.width(s, np.inf, 0.0))
 
 
+BUDGET_SPENT = "was spent before the stop rule was met."
 MODEL_ALPHA = 0.05
 """Probability above which all terms together are not seen to matter."""
 
@@ -375,7 +376,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     if held:
         reasons = [f"The stop rule is met after {n_runs} runs.", *(check.text for check in checks)]
     elif budget_spent:
-        reasons.append(f"The budget of {rule.max_runs} runs was spent before the stop rule was met.")
+        reasons.append(f"The budget of {rule.max_runs} runs {BUDGET_SPENT}")
     if confirmation is not None and not confirmation.agrees and rule.guard != "confirmation":
         reasons.append(confirmation.text)
     return Decision(

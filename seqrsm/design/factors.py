@@ -320,6 +320,15 @@ def span(factor: NumericFactor) -> tuple[float, float]:
     return factor.values[0], factor.values[-1]
 
 
+def central_range(factor: NumericFactor, coded: ArrayLike, tail: float) -> tuple[float, float]:
+    """Quantiles ``tail`` and 1 - ``tail`` of coded draws, natural: of a factor with few values, two of the values."""
+    draws, ends = np.asarray(coded, dtype=np.float64), [tail, 1.0 - tail]
+    discrete = isinstance(factor, DiscreteFactor)
+    found = np.quantile(draws, ends, method="inverted_cdf") if discrete else np.quantile(draws, ends)
+    low, high = factor.decode(found).tolist()
+    return low, high
+
+
 def plain_setting(factor: NumericFactor, value: float) -> float:
     """``value`` to four significant digits, or to as many more as a narrow range needs to tell settings apart."""
     for digits in range(_DIGITS, 17):

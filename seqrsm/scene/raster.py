@@ -139,7 +139,8 @@ def import_scene(
         bounds=(left, top - rows * cell, left + cols * cell, top),
         name=name or Path(cover).stem,
         provenance=f"imported from {', '.join(Path(file).name for file in given.values())} and {Path(legend).name}"
-        + (f", fields cut to {field_m:g} m" if field_m is not None else ""),
+        + (f", fields cut to {field_m:g} m" if field_m is not None else "")
+        + _cropped({elevation: height} if kind is height else {elevation: height, cover: kind}, rows * cols * cell**2),
         category_notes=notes,
         temperature_k=kelvin,
         soil_moisture=wet,
@@ -147,6 +148,16 @@ def import_scene(
     if out is not None:
         save_scene(scene, out)
     return scene
+
+
+def _cropped(rasters: Mapping[str | Path, Raster], area_m2: float) -> str:
+    """How much of each raster a scene of that area has, where it is not all."""
+    parts = []
+    for file, raster in rasters.items():
+        left, bottom, right, top = raster.bounds
+        percent = f"{100.0 * area_m2 / ((right - left) * (top - bottom)):.0f} %"
+        parts += [f"{percent} of {Path(file).name}"] if percent != "100 %" else []
+    return f", cropped to {' and '.join(parts)}, the ground that they share" if parts else ""
 
 
 _LAYERS: Final = {"elevation_m": "elevation", "temperature_k": "temperature", "soil_moisture": "moisture"}

@@ -16,6 +16,7 @@ from seqrsm.score.table import TableSource
 
 COLUMNS = ("run_id", "interpreter", "rank", "application", "session")
 REQUIRED = ("run_id", "interpreter", "rank")
+_HAS = "A ranking has run_id, interpreter and rank."
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +41,8 @@ class MeasuredRanking:
 
 
 def is_rankings_file(source: TableSource) -> bool:
-    """Whether the header has a column ``interpreter`` and one ``rank``."""
-    return {"interpreter", "rank"} <= {split_header(text)[0] for text in _Reader(source, ()).table.header}
+    """Whether the header has a column ``interpreter`` and one ``rank``, in whatever case."""
+    return {"interpreter", "rank"} <= {split_header(text)[0].casefold() for text in _Reader(source, ()).table.header}
 
 
 def read_rankings(
@@ -68,9 +69,11 @@ class _Reader(CellReader):
     optional = COLUMNS
 
     def missing(self, line: int) -> None:
+        near = {name.casefold(): name for name in self.free_columns()}
         for name in REQUIRED:
             if name not in self.columns:
-                self.add("there is no such column", "A ranking has run_id, interpreter and rank.", line, name)
+                hint = f"Rename the column '{near[name]}' to '{name}'." if name in near else _HAS
+                self.add("there is no such column", hint, line, name)
         given = [factor.name for factor in self.factors if factor.name in self.columns]
         for factor in self.factors:
             if given and factor.name not in given:

@@ -86,7 +86,7 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
     height = float(far_look - near_look) if isotropic else math.radians(radar.elevation_beamwidth_deg)
     most = 4.0 * math.pi / (width * height)
     told = f"a beam of {math.degrees(height):.3g} by {math.degrees(width):.3g} deg has at most"
-    told += f" {10.0 * math.log10(most):.1f} dB, not {radar.antenna_gain_db:g} dB"
+    told += f" {10.0 * math.log10(most):.1f} dB; specified are {radar.antenna_gain_db:g} dB"
     found.append(Limit("gain against beam", most / (_GAIN_MARGIN * gain), told))
     if radar.aperture == "synthetic":
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)

@@ -151,7 +151,7 @@ class Ledger:
                 problems.append(fault)
             elif old is None:
                 fresh.append(new)
-            elif (old.score, old.se, old.n, old.correct) != (new.score, new.se, new.n, new.correct):
+            elif any(getattr(new, key) not in (None, getattr(old, key)) for key in ("score", "se", "n", "correct")):
                 message = f"run {run_id} is scored already for '{new.application}' ({old.score:g})"
                 problems.append(Problem(message, VOID_FIRST, file=file, line=line, field="score", value=new.score))
         return problems, fresh
@@ -213,5 +213,7 @@ def _scored_detail(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _illegal(run_id: int, old: str, new: str) -> Problem:
+    if old == new:
+        return Problem(f"run {run_id} is {old} already")
     allowed = ", ".join(sorted(TRANSITIONS[old])) or "nothing else"
     return Problem(f"run {run_id} is {old} and cannot become {new}", f"From {old} it can become: {allowed}.")

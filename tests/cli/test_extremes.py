@@ -259,8 +259,12 @@ def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> No
     new.write_text("height [km],score\n3.3,79\n", encoding="utf-8")
     for command in (["fit", folder], ["propose", folder], ["status", folder], ["ingest", folder, new, "--accept"]):
         told = " ".join(call(*command, code=2).output.split())
-        assert "no scored run lies in the range of 'height', and they would if their settings were in m" in told
-    edited(folder, 'unit = "km"\nlow = 0.6\nhigh = 6', 'unit = "m"\nlow = 100\nhigh = 500')
+        assert f"0 of {len(rows)} scored runs lie in the range of 'height', and {len(rows)} would" in told
+        assert "if their settings were in m (got 'km')" in told
+    edited(folder, 'unit = "km"\nlow = 0.6\nhigh = 6', 'unit = "ft"\nlow = 2000\nhigh = 20000')
+    told = " ".join(call("fit", folder, code=2).output.split())
+    assert f"and {len(rows)} would if their settings were in m (got 'ft')" in told
+    edited(folder, 'unit = "ft"\nlow = 2000\nhigh = 20000', 'unit = "m"\nlow = 100\nhigh = 500')
     assert f"Runs outside the region, included in the fit: {len(rows)}" in call("fit", folder).output  # as wanted
 
 

@@ -369,6 +369,18 @@ def test_bad_rankings(ranked, content, says):
     assert ranked.document()["rankings"] == []
 
 
+def test_a_score_by_hand_is_no_ranking(ranked):
+    """Nobody knows its scale: scores of rankings are in logits."""
+    told = ranked.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,2\n", code=2)
+    assert "scores.csv:2: score: the scores of 'clear' come from rankings" in told
+
+
+def test_the_columns_of_a_ranking_are_told_their_names(ranked):
+    told = ranked.ingest("Run_ID,Interpreter,Rank\n1,ann,1\n2,ann,2\n", code=2)
+    assert "interpreter: there is no such column. Rename the column 'Interpreter' to 'interpreter'." in told
+    assert "score" not in told.replace("scores.csv", "")
+
+
 def test_rankings_and_scores_do_not_mix(ranked, make):
     ranked.ingest(ranking_file(ann="1 2 3"))
     assert "come from rankings" in ranked.ingest(f"{HEADER}\n1.5,12,HH,2\n", name="scores2.csv", code=2)
@@ -406,6 +418,37 @@ def test_a_block_that_is_another_but_for_case_or_blanks_is_held_back(tmp_path):
     assert "more.csv:2: day: the block 'Day 1' differs by case or blanks alone (got 'day1'). Write Day 1." in told
     assert "more.csv:3: day: the block 'day 2'" in told
     assert "2 new runs" in folder.call("ingest", again, "--accept")
+
+
+def test_a_corrected_score_does_not_count_beside_the_wrong_one(make):
+    """An agency delivers its table again with one score corrected: the rest is known, and that row is no repeat."""
+    folder = make()
+    head = f"{HEADER},date\n"
+    first, second = "1.5,12,HH,70,3 June\n", "1.5,12,HH,71,3 June\n"
+    folder.ingest(head + first + second)
+    told = folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv", code=2)
+    assert "corrected.csv:3: score: run 2 has score 71 and the rest is the same (got 75.0)" in told
+    assert "seqrsm void DIR 2 --why TEXT" in told
+    assert [run["scores"][0]["score"] for run in folder.runs()] == [70, 71]
+    folder.call("void", 2, "--why", "corrected")
+    again = folder.ingest(head + first + "1.5,12,HH,75,3 June\n", name="corrected.csv")
+    assert "corrected.csv: 1 score ingested: 1 new run, 1 unchanged run" in again
+    assert [run["scores"][0]["score"] for run in folder.runs() if run["state"] == "scored"] == [70, 75]
+    folder.ingest(head + "1.5,12,HH,76,4 June\n", name="repeat.csv")
+
+
+def test_a_run_that_is_told_again_without_its_error_is_unchanged(make):
+    folder = make()
+    folder.ingest(f"{HEADER},se\n1.5,12,HH,70,2\n")
+    assert "0 scores ingested: 1 unchanged run" in folder.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,70\n", name="again.csv")
+    assert folder.runs()[0]["scores"][0]["se"] == 2
+    told = folder.ingest(f"run_id,{HEADER}\n1,1.5,12,HH,71\n", name="other.csv", code=2)
+    assert "run 1 is scored already for 'crops' (70) (got 71.0)" in told
+
+
+def test_a_setting_just_outside_is_not_taken_for_feet(make):
+    folder = make()
+    assert "outside the campaign's region" in folder.ingest(f"{HEADER}\n1.5,65,HH,70\n")
 
 
 def test_a_wrong_count_is_told_once(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from report_dossiers import simulated_dossier
 
 from seqrsm.analysis.results import SettingPosterior
-from seqrsm.report.sections.literature import catalogue_words, comparisons, literature_section, looked_up
+from seqrsm.report.sections.literature import _fixed, catalogue_words, comparisons, literature_section, looked_up
 
 
 @pytest.mark.parametrize(
@@ -112,3 +112,12 @@ def test_without_a_common_parameter_there_is_no_empty_table(dossier, monkeypatch
     section = literature_section(dossier)
     assert "cannot be compared" in section.blocks[0].text
     assert len(section.blocks) == len(dossier.analyses)
+
+
+@pytest.mark.parametrize("own", [{"C": {"bandwidth": 20.0}}, {"C": {"engine": "prm", "polarization": "H"}}])
+def test_a_value_that_a_sensor_of_the_set_replaces_is_not_compared(dossier, own):
+    """It would be said of a sensor that has another."""
+    fixed = {**dossier.spec.simulator.fixed, "bandwidth": 5.0}
+    simulator = dossier.spec.simulator.model_copy(update={"fixed": fixed, "members": own})
+    spec = dataclasses.replace(dossier.spec, simulator=simulator)
+    assert _fixed(spec, "bandwidth") == (None if "bandwidth" in own["C"] else 5.0)

@@ -97,7 +97,8 @@ def test_only_legal_transitions(store, state, target):
         action()
         assert store.runs()[run_id - 1].state == target
     else:
-        with pytest.raises(StoreError, match=f"run {run_id} is {state} and cannot become {target}"):
+        text = "already" if state == target else f"and cannot become {target}"
+        with pytest.raises(StoreError, match=f"run {run_id} is {state} {text}"):
             action()
         assert (store.runs()[run_id - 1], store.events()) == before
 

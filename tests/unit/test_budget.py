@@ -95,7 +95,7 @@ def test_where_nothing_reaches_the_target_the_loss_decides_among_what_is_about_a
     whole = Plan("", 120, 18, 54, 17.0, 0.7)
     fixed, first = Plan("b fixed at 1", 120, 12, 36, 16.5, 20.0), Plan("[model] order = 1", 120, 6, 18, 30.0, 0.1)
     words = way_out([whole, fixed, first], [Plan("", 18, 18, 54, float("nan"), float("nan"))], 14.0, "percent")
-    assert words.startswith("None of these reaches it; 120 runs come near (half-width 17 percent, loss 0.7 percent)")
+    assert words.startswith("No plan of these reaches it; 120 runs come near (half-width 17 percent, loss 0.7 percent)")
 
 
 SPEC = """\

@@ -118,3 +118,13 @@ def test_discrete_and_constrained_regions() -> None:
 def test_equal_inputs_give_equal_results() -> None:
     objectives = [Objective("x", "maximize", 1.0, bowl((0.1, 0.7))), Objective("y", "maximize", 1.0, bowl((0.4, 0.0)))]
     np.testing.assert_array_equal(compromise(BOX, objectives).point, compromise(BOX, objectives).point)
+
+
+def test_an_interval_of_a_factor_with_values_ends_at_values() -> None:
+    """Between two dates lies no number of dates."""
+    region = Region((DiscreteFactor("dates", (1, 2, 3, 4, 6)), ContinuousFactor("b", -1.0, 1.0)))
+    shift = np.repeat([-1.0, -0.2, 0.2, 1.0], [3, 22, 22, 3])
+    draws = lambda x: np.array([-((x[:, 0] - s) ** 2) - x[:, 1] ** 2 for s in shift])  # noqa: E731
+    objective = Objective("x", "maximize", 1.0, lambda x: -(x[:, 0] ** 2) - x[:, 1] ** 2, draws)
+    interval = compromise(region, [objective], level=0.9).credible["dates"]
+    assert (interval.low, interval.high) == (1, 6)  # 3 of 50 draws at either end

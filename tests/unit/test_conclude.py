@@ -20,7 +20,8 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
-from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation
+from seqrsm.report.sections.model import diagnostics_section
+from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -245,3 +246,34 @@ def test_no_edge_is_widened_that_has_nothing_beyond(tmp_path: Path) -> None:
         spec = replace(made.spec, simulator=simulator and SimpleNamespace(engine=simulator))
         (told,) = [step for step in _next_steps(spec, replace(found, optimum=best)) if step.startswith("Consider")]
         assert told.endswith(f"its edge, {edge} constraint x0 <= 0.5.")
+
+
+def test_the_diagnostics_call_the_recommended_settings_an_extrapolation_where_the_warnings_do(tmp_path) -> None:
+    """Whatever the quadratic alone would recommend: the first page and the appendix are of the same settings."""
+    points = np.random.default_rng(5).uniform(-0.7, 0.7, (14, 2))
+    found = analysed(tmp_path / "c", specification(numeric(2)), points, points.sum(axis=1) + 0.1 * NOISE[:14])
+    assert any(text.startswith("The optimum is an extrapolation") for text in found.warnings)  # at a corner
+    inner = replace(found, of_quadratic=replace(found.of_quadratic, point=np.zeros(2)))
+    assert "The recommended settings are an extrapolation" in str(diagnostics_section(inner, "x"))
+
+
+def test_what_the_key_figures_tell_is_no_next_step(tmp_path) -> None:
+    """The half-width beside its target, and that the budget is spent, stand there once."""
+    text = specification(numeric(2)).replace("half_width = 5.0\nmax_runs = 400", "half_width = 0.1\nmax_runs = 24")
+    found = campaign(tmp_path / "c", text, POINTS, POINTS.sum(axis=1) + NOISE)
+    (analysis,) = found.analyse_all(n_draws=400)
+    assert analysis.verdict == "Budget spent"
+    (steps,) = summary_section(found.spec, [analysis], None, ()).sections[0].blocks
+    assert not any(" at the optimum is \u00b1" in step or "was spent" in step for step in steps.items)
+    assert any("below the noise floor" in step for step in steps.items)
+
+
+def test_no_factor_is_most_important_where_none_is_significant(tmp_path) -> None:
+    """By the test of all terms; one of two factors may pass its own by chance."""
+    scores = np.random.default_rng(35).normal(size=24)
+    found = campaign(tmp_path / "c", specification(numeric(2)), POINTS, scores)
+    (analysis,) = found.analyse_all(n_draws=400)
+    assert min(row.p for row in analysis.importance) < 0.05
+    told = str(summary_section(found.spec, [analysis], None, ()))
+    assert told.count("No factor has a significant effect") == 1
+    assert "none significant" in told

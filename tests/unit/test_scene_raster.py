@@ -65,6 +65,8 @@ def test_a_plane_keeps_its_heights_and_the_cover_its_place(files, tmp_path, poin
     assert scene.epsg == 31370
     assert scene.categories == ("Wheat", "Trees")
     assert scene.category_notes == {"Trees": "planted"}
+    file = files["elevation"].name
+    assert scene.provenance.endswith(f"legend.csv, cropped to 75 % of {file}, the ground that they share")
     i, j = np.mgrid[0:60, 0:60]
     exact = 100.0 + 0.3 * (20.0 + 5.0 * j + 2.5) - 0.2 * (5.0 * i + 2.5)
     np.testing.assert_allclose(scene.elevation_m[1:-1, :], exact[1:-1, :], atol=1e-4)

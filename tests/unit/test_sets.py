@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scored_campaigns import campaign, specification
 
 from seqrsm.campaign.simulation import SimulationTask, acquisitions_of
 from seqrsm.errors import ConfigurationError, ScatteringDataError, SpecError
+from seqrsm.report.blocks import Paragraph
+from seqrsm.report.sections.summary import summary_section
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.sets import BANDS, Dates, members_of
 from seqrsm.spec.read import load_spec
@@ -180,3 +184,17 @@ def test_a_factor_below_one_without_a_name_keeps_its_line(tmp_path) -> None:
         text.splitlines().index('name = "X.resolution"') + 1,
         "factor 'X.resolution': name",
     )
+
+
+def test_a_setting_of_a_sensor_that_is_not_in_the_recommended_set_is_not_recommended(tmp_path) -> None:
+    """The best set lacks C: its angle has no effect, and no wider range of it would have one."""
+    factors = '[[factor]]\nname = "frequency"\nlevels = ["L", "C"]\n[[factor]]\nname = "C.angle"\nlow = 20\nhigh = 50\n'
+    points = np.column_stack([np.arange(40) % 2, np.random.default_rng(1).uniform(-1.0, 1.0, 40)])
+    scores = 60.0 - 9.0 * points[:, 0] * (1.0 + points[:, 1]) + np.random.default_rng(2).normal(size=40)
+    found = campaign(tmp_path / "c", specification(factors), points, scores)
+    (analysis,) = found.analyse_all(n_draws=400)
+    told = summary_section(found.spec, [analysis], None, ())
+    words = [block.text for block in told.blocks if isinstance(block, Paragraph)]
+    assert analysis.optimum.settings["frequency"] == "L"
+    assert any(text.startswith("Recommended for score: frequency L, the settings") for text in words)
+    assert "widening" not in str(told)

@@ -81,7 +81,7 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
         blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit, digits))
-    notes = [_note(row, digits) for row in told]
+    notes = [_note(row, digits, unit) for row in told]
     notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in rows if row["how"] == "none"]
     notes = [note for note in notes if note]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
@@ -147,7 +147,7 @@ def _ends(one: Mapping[str, Any], name: str = "confidence") -> tuple[float, floa
     return one[name]["low"], one[name]["high"]
 
 
-def _note(row: Mapping[str, Any], digits: int) -> str:
+def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
     """Places of the swath, dates, and what is not checked of a sensor."""
     parts = []
     places = row.get("places") or []
@@ -160,7 +160,7 @@ def _note(row: Mapping[str, Any], digits: int) -> str:
             scores = " / ".join(format_number(one["score"], digits) for one in places)
             noise = " / ".join(format_number(one["noise_db"], 1) for one in places)
             looks = format_significant(places[len(places) // 2]["looks"], 2)
-            parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
+            parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {with_unit(scores, unit)}")
         elif "footprint_m" in places[0]:
             length, width = (format_significant(1e-3 * side, 3) for side in places[0]["footprint_m"])
             parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg")

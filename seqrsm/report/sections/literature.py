@@ -175,8 +175,11 @@ def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
 
 
 def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
-    """Value of a parameter that the campaign holds fixed, by its name or its field's; None where it does not."""
+    """Value that the campaign holds fixed of a parameter for every sensor, by its name or its field's; None without."""
     given = {} if spec.simulator is None else spec.simulator.fixed
+    members = {} if spec.simulator is None else spec.simulator.members
+    if any(name in own or f"{member}.{name}" in spec.region.names for member, own in members.items()):
+        return None
     return given.get(name, given.get((RADAR.get(name) or RADIOMETER[name]).field))
 
 

@@ -344,7 +344,7 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     correlation = normal_plot(fit).correlation
     if np.isfinite(correlation):
         found.append(f"Correlation of residuals with normal quantiles: {correlation:.3f}.")
-    outside = extrapolated(fit, analysis.model.matrix(analysis.of_quadratic.point[None, :]))[0]
+    outside = extrapolated(fit, analysis.model.matrix(analysis.optimum.point[None, :]))[0]
     far = "an extrapolation: their leverage exceeds every run's" if outside else "not an extrapolation"
     found.append(f"The recommended settings are {far}.")
     influential = influential_runs(fit)

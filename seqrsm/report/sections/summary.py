@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
@@ -94,7 +95,7 @@ def result_section(
     """Return one application's result; ``made`` opens its basis, the other arguments are those of `summary_section`."""
     best, names = analysis.optimum, analysis.region.names
     blocks: list[Block] = []
-    flat = [text for text in analysis.warnings if text.startswith(_FLAT)]
+    flat = _flat(analysis)
     blocks += [Paragraph(text, "lead") for text in flat]
     if best.ties and not best.ridge:
         others = "; ".join(rounded_settings(analysis, tie) for tie in best.ties[:_TIES])
@@ -105,8 +106,7 @@ def result_section(
     blocks.append(first_panels(analysis, spec.stop_of(analysis.application)))
     blocks.append(_settings_table(analysis))
     blocks += [Paragraph(readable_text(text, names), "note") for text in analysis.notes]
-    why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
-    steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
+    steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *_reasons(analysis)))
     basis = (*made, *_rests(spec, analysis, rests))
     parts = (
         Section(f"{key}-next", "Next steps", (Bullets(steps),)),
@@ -133,10 +133,16 @@ def _is_a_guess(analysis: Analysis) -> bool:
     return any(check.name == "guess" and check.holds is False for check in analysis.decision.checks)
 
 
+def _flat(analysis: Analysis) -> list[str]:
+    """The warning that no factor matters, by the test of all terms, which goes before those of single factors."""
+    return [text for text in analysis.warnings if text.startswith(_FLAT)]
+
+
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    settings = listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
+    factors = (factor for factor in analysis.region.factors if _takes_part(factor.name, analysis.optimum.settings))
+    settings = listing([f"{readable(factor.name)} {optimum_setting_text(analysis, factor)}" for factor in factors])
     what = f"the settings with the {best} estimated mean score in the region"
     if _is_a_guess(analysis):
         return (
@@ -201,7 +207,7 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
     first = tested[ranked[0]]
     p = format_p(first.p)
     detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
-    if min(row.p for row in tested.values()) > _CLEAR_P:
+    if _flat(analysis) or min(row.p for row in tested.values()) > _CLEAR_P:
         return "none significant", f"{readable(ranked[0])} ranks first: {detail}"
     if len(ranked) > 1:
         detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
@@ -242,12 +248,18 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
+def _takes_part(name: str, settings: Mapping[str, float | str]) -> bool:
+    """Whether a factor is of no member of a set of sensors alone, or of one that is in the set."""
+    member, dot, _ = name.partition(".")
+    return not dot or member in str(settings.get("frequency", member)).split("+")
+
+
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
     """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
     name = edge.rpartition(" (")[0]
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
     if parameter is None or edge.startswith("constraint "):
-        return True
+        return edge.startswith("constraint ") or _takes_part(name, settings)
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
@@ -278,6 +290,17 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
+
+
+def _reasons(analysis: Analysis) -> Iterator[str]:
+    """Why not to stop, but for what stands above: the interval against its target, a spent budget, a flat surface."""
+    decision = analysis.decision
+    if decision.held or decision.wants_confirmation:
+        return
+    told = {check.text for check in decision.checks if check.name == "interval" and check.holds is False}
+    for text in decision.reasons:
+        if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(_FLAT)):
+            yield text
 
 
 def _loss_sentence(analysis: Analysis) -> str:
@@ -313,6 +336,6 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
         spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
         sources = sorted({run.source for run in scored}, reverse=True)
-        each = ", ".join(f"a {source} {format_plain(cost.of(source))}" for source in sources)
+        each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
         text += f" They cost {spent} ({each})."
     return (Paragraph(text),)
