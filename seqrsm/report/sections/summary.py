@@ -250,7 +250,7 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
 
 def _takes_part(name: str, settings: Mapping[str, float | str]) -> bool:
     """Whether a factor is of no member of a set of sensors alone, or of one that is in the set."""
-    member, dot, _ = name.partition(".")
+    member, dot, _ = name.rpartition(".")
     return not dot or member in str(settings.get("frequency", member)).split("+")
 
 
