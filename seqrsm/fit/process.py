@@ -317,15 +317,12 @@ class Process:
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
-        means = np.empty((len(self._alpha), len(points)))
-        covariances = np.empty((*means.shape, len(points)))
-        for some, h, at, own in self._parts(points):
-            means[some], halves = self._given(some, self._covariance(h, at, own))
-            covariances[some] = self._covariance(h, at, at)
-            for covariance, half in zip(covariances[some], halves, strict=True):
-                covariance -= half.T @ half
-        covariances *= self.scatter**2
-        return means, covariances
+        at = self._places(self.hyper, points)
+        means, halves = self._given(slice(None), self._covariance(self.hyper, at, self._own))
+        covariances = self._covariance(self.hyper, at, at)
+        for covariance, half in zip(covariances, halves, strict=True):
+            covariance -= half.T @ half
+        return means, self.scatter**2 * covariances
 
     def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means and variances (d, m) of the surface at coded points (m, k), score units."""
@@ -393,7 +390,7 @@ class Process:
         return means, (solve_triangular(factor, row.T, lower=True, check_finite=False) for factor, row in pairs)
 
     def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places]]:
-        """The draws by parts whose covariances stay in the cache, with the places of points (m, k) and of the runs."""
+        """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each."""
         for some in _in_cache(len(self._alpha), len(points) * len(self._y)):
             h = self.hyper.some(some)
             yield some, h, self._places(h, points), self._own.some(some)
