@@ -391,13 +391,17 @@ class Process:
 
     def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places]]:
         """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each."""
+        given = self._of_points(points)
         for some in _in_cache(len(self._alpha), len(points) * len(self._y)):
             h = self.hyper.some(some)
-            yield some, h, self._places(h, points), self._own.some(some)
+            yield some, h, self._bent_places(h, *given), self._own.some(some)
 
     def _places(self, h: Hyper, points: FloatArray) -> _Places:
-        levels, difference = points[:, list(self.model.categorical)], self._of_difference(points)
-        return self._bent_places(h, self.model.base(points), levels, difference)
+        return self._bent_places(h, *self._of_points(points))
+
+    def _of_points(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What places have under every draw: base columns, levels, and rows of the difference."""
+        return self.model.base(points), points[:, list(self.model.categorical)], self._of_difference(points)
 
     def _places_of_runs(self, h: Hyper) -> _Places:
         return self._bent_places(h, self._base, self._levels, self._difference)
