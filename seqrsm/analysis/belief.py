@@ -6,7 +6,7 @@ come from both; the quadratic's own analysis stays a description.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,18 +143,26 @@ class Belief:
         )
 
     def bands(
-        self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: float = 1
+        self,
+        points: FloatArray,
+        level: float,
+        weight: Callable[[FloatArray], FloatArray] | FloatArray | float = 1.0,
+        replicates: float = 1,
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` runs at points (m, k).
 
-        Quantiles of Student's distribution and normal ones together; on the scale of the fit.
+        Quantiles of Student's distribution and normal ones together; on the scale of the fit. ``weight`` may be a
+        function of the mean (m,), as `ResponseScale.weight_at`.
         """
-        weight = weight / self.surface.errors.run_variance
-        of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
-        process, share = self.departure.believed, self.departure.probability
+        rows, process, share = self.surface.rows(points), self.departure.believed, self.departure.probability
+        mean = rows @ self.surface.estimate
+        if process is not None:
+            means, variances = process.marginals(points)
+            mean = (1.0 - share) * mean + share * means.mean(axis=0)
+        weight = (weight(mean) if callable(weight) else weight) / self.surface.errors.run_variance
+        of_quadratic = self.surface.predict(rows, level, weight, replicates)
         if process is None:
             return of_quadratic
-        means, variances = process.marginals(points)
         noise = process.noise_variance[:, None] / (weight * replicates)
         df = self.surface.df_residual
 
@@ -166,7 +174,7 @@ class Belief:
 
         return replace(
             of_quadratic,
-            mean=(1.0 - share) * of_quadratic.mean + share * means.mean(axis=0),
+            mean=mean,
             confidence=mixed(of_quadratic.confidence, 0.0),
             prediction=mixed(of_quadratic.prediction, noise),
         )

@@ -291,7 +291,7 @@ def _confirmation(
     else:
         interval = confirmation_interval(scores, spec.stop.level)
     at = fitted.region.code([fresh[0].settings])
-    predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
+    predicted = belief.bands(at, spec.stop.level, scale.weight_at, len(scores))
     values = scale.centred(scores, np.array([n for _, n in counts]) if len(counts) == len(found) else None)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(

@@ -144,19 +144,22 @@ def crossing(rising: Callable[[FloatArray, IntArray], FloatArray], low: FloatArr
 
     By the Illinois rule (Dowell & Jarratt 1971, BIT 11, 168-174): secants, whose end that stays counts half.
     """
-    k, side, x = np.arange(len(low)), np.zeros(len(low)), low
+    k, side, x, found = np.arange(len(low)), np.zeros(len(low)), low, low.copy()
     at_low, at_high, near = rising(low, k), rising(high, k), 1e-14 * (high - low)
     for _ in range(_MOST_SECANTS):
         before, apart = x, at_high - at_low
         x = low + np.clip(-at_low / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0) * (high - low)
-        at = rising(x, k)
+        found[k], at = x, rising(x, k)
         up = at > 0.0
         at_low = np.where(up, np.where(side > 0, 0.5, 1.0) * at_low, at)
         at_high = np.where(up, at, np.where(side < 0, 0.5, 1.0) * at_high)
         low, high, side = np.where(up, low, x), np.where(up, x, high), np.where(up, 1.0, -1.0)
-        if np.all(np.abs(x - before) <= near + 1e-15 * np.abs(x)):
+        left = ~(np.abs(x - before) <= near + 1e-15 * np.abs(x))
+        if not left.any():
             break
-    return x
+        k, side, x, near = k[left], side[left], x[left], near[left]
+        low, high, at_low, at_high = low[left], high[left], at_low[left], at_high[left]
+    return found
 
 
 def mixture_interval(

@@ -136,7 +136,7 @@ class _Places:
     @property
     def rows(self) -> FloatArray:
         """The trend by points, (d, m, t)."""
-        return np.moveaxis(self.columns, 0, -1)
+        return self.columns.transpose(1, 2, 0)
 
     def some(self, which: slice) -> _Places:
         """The same under the draws in these places."""
@@ -290,14 +290,13 @@ class Process:
 
     def means(self, points: FloatArray) -> FloatArray:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
-        at, own, h = self._places(self.hyper, points), self._own, self.hyper
         sums = np.empty((len(self._alpha), len(points)))
-        for some in _in_cache(len(sums), len(points) * len(self._y)):
-            cross = self._of_process(h.some(some), at.some(some), own.some(some))
-            sums[some] = (cross @ self._alpha[some, :, None])[..., 0]
-        slopes = np.einsum("dnt,dn->dt", own.rows, self._alpha)
-        sums += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(self._alpha, axis=1)[:, None]
-        sums += np.square(h.difference)[:, None] * (self._alpha @ own.difference @ at.difference.T)
+        for some, h, at, own in self._parts(points):
+            alpha = self._alpha[some]
+            slopes = np.einsum("dnt,dn->dt", own.rows, alpha)
+            sums[some] = (self._of_process(h, at, own) @ alpha[..., None])[..., 0]
+            sums[some] += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(alpha, axis=1)[:, None]
+            sums[some] += np.square(h.difference)[:, None] * (alpha @ own.difference @ at.difference.T)
         found: FloatArray = self.centre + self.scatter * sums
         return found
 
@@ -310,31 +309,31 @@ class Process:
 
         With other scores (b, n) the means are ``centre + (scores - centre) @ pull``; what the process rests on stays.
         """
-        at, own, h = self._places(self.hyper, points), self._own, self.hyper
         found = np.zeros((len(self._y), len(points)))
-        for some in _in_cache(len(self._alpha), found.size):
-            cross = self._covariance(h.some(some), at.some(some), own.some(some))
-            for factor, row in zip(self._factors[some], cross, strict=True):
-                found += cho_solve((factor, True), row.T, check_finite=False)
+        for some, h, at, own in self._parts(points):
+            for factor, row in zip(self._factors[some], self._covariance(h, at, own), strict=True):
+                found += cho_solve((factor, True), row.T, overwrite_b=True, check_finite=False)
         return np.asarray((found / self._runs[:, None] / len(self._alpha))[self._place])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
         at = self._places(self.hyper, points)
-        cross, covariance = self._covariance(self.hyper, at, self._own), self._covariance(self.hyper, at, at)
-        for d, half in enumerate(self._halves(cross)):
-            covariance[d] -= half.T @ half
-        return self._means(cross), self.scatter**2 * covariance
+        means, halves = self._given(slice(None), self._covariance(self.hyper, at, self._own))
+        covariances = self._covariance(self.hyper, at, at)
+        for covariance, half in zip(covariances, halves, strict=True):
+            covariance -= half.T @ half
+        return means, self.scatter**2 * covariances
 
     def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means and variances (d, m) of the surface at coded points (m, k), score units."""
-        at = self._places(self.hyper, points)
-        cross = self._covariance(self.hyper, at, self._own)
-        variances = np.sum(at.rows**2, axis=-1) + np.square(self.hyper.process)[:, None] + _VAGUE
-        variances += np.square(self.hyper.difference)[:, None] * np.sum(at.difference**2, axis=1)
-        for d, half in enumerate(self._halves(cross)):
-            variances[d] -= np.sum(half**2, axis=0)
-        return self._means(cross), self.scatter**2 * np.maximum(variances, 0.0)
+        means, variances = np.empty((2, len(self._alpha), len(points)))
+        for some, h, at, own in self._parts(points):
+            means[some], halves = self._given(some, self._covariance(h, at, own))
+            variances[some] = np.sum(at.rows**2, axis=-1) + np.square(h.process)[:, None] + _VAGUE
+            variances[some] += np.square(h.difference)[:, None] * np.sum(at.difference**2, axis=1)
+            for variance, half in zip(variances[some], halves, strict=True):
+                variance -= np.sum(half**2, axis=0)
+        return means, self.scatter**2 * np.maximum(variances, 0.0)
 
     def draw(self, rng: np.random.Generator) -> tuple[Callable[[FloatArray], FloatArray], float]:
         """One draw of the surface, a function of points (m, k), and the standard deviation of a run of weight 1.
@@ -384,18 +383,25 @@ class Process:
         """Variance (n,) of each run about its source's surface, over all draws, score units."""
         return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place])
 
-    def _means(self, cross: FloatArray) -> FloatArray:
-        found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
-        return found
+    def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, Iterator[FloatArray]]:
+        """Means (d, m), and for each draw the root (n, m) of what the scores take off the variances there."""
+        means: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha[some])
+        pairs = zip(self._factors[some], cross, strict=True)
+        return means, (solve_triangular(factor, row.T, lower=True, check_finite=False) for factor, row in pairs)
 
-    def _halves(self, cross: FloatArray) -> Iterator[FloatArray]:
-        """For each draw the root (n, m) of what the scores take off the variances at the points of ``cross``."""
-        for factor, row in zip(self._factors, cross, strict=True):
-            yield solve_triangular(factor, row.T, lower=True, check_finite=False)
+    def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places]]:
+        """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each."""
+        given = self._of_points(points)
+        for some in _in_cache(len(self._alpha), len(points) * len(self._y)):
+            h = self.hyper.some(some)
+            yield some, h, self._bent_places(h, *given), self._own.some(some)
 
     def _places(self, h: Hyper, points: FloatArray) -> _Places:
-        levels, difference = points[:, list(self.model.categorical)], self._of_difference(points)
-        return self._bent_places(h, self.model.base(points), levels, difference)
+        return self._bent_places(h, *self._of_points(points))
+
+    def _of_points(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What places have under every draw: base columns, levels, and rows of the difference."""
+        return self.model.base(points), points[:, list(self.model.categorical)], self._of_difference(points)
 
     def _places_of_runs(self, h: Hyper) -> _Places:
         return self._bent_places(h, self._base, self._levels, self._difference)
@@ -415,7 +421,7 @@ class Process:
         products *= columns[second]
         products *= columns[third]
         scaled = columns[numeric] / h.lengths.T[..., None]
-        return _Places(np.moveaxis(scaled, 0, -1).copy(), products, levels, difference)
+        return _Places(scaled.transpose(1, 2, 0).copy(), products, levels, difference)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Of the surface (d, m, n)."""

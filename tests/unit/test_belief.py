@@ -89,6 +89,14 @@ def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     assert belief.best(narrow.of_quadratic, narrow.data.points, rng) is narrow.of_quadratic
 
 
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_runs_are_weighed_by_the_mean_that_is_believed(narrow: Analysis, share: float) -> None:
+    belief = believed(narrow, share)
+    found = belief.bands(AT, 0.9, lambda mean: 1.0 + np.square(mean / 50.0))
+    wanted = belief.bands(AT, 0.9, 1.0 + np.square(belief.mean(AT) / 50.0))
+    np.testing.assert_allclose(ends(found), ends(wanted), rtol=1e-10)
+
+
 def test_beside_three_flights_an_improbable_process_leaves_intervals_as_they_are(tmp_path: Path) -> None:
     """They were 1.5 times as wide: flights' own scatter was taken for all that is not known of their mean."""
     points = np.round(spread(33, 2), 3)

@@ -112,8 +112,7 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
 
 def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
-    belief = analysis.belief
-    return belief.bands(points, analysis.optimum.level, analysis.scale.weight_at(belief.mean(points)))
+    return analysis.belief.bands(points, analysis.optimum.level, analysis.scale.weight_at)
 
 
 def line(analysis: Analysis, index: int) -> Line:
@@ -121,7 +120,7 @@ def line(analysis: Analysis, index: int) -> Line:
     factor = analysis.region.factors[index]
     coded, own = _places(factor), analysis.data.points[:, index]
     natural, run_natural = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
-    moved = _scores(analysis, predict(analysis, _along(analysis, index, own)).mean + analysis.fit.residuals)
+    moved = _scores(analysis, analysis.belief.mean(_along(analysis, index, own)) + analysis.fit.residuals)
     return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
 
 

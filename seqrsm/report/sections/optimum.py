@@ -15,6 +15,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, setting_with_unit
 from seqrsm.fit.canonical import within_error
+from seqrsm.remember import recalled
 from seqrsm.report.blocks import (
     Block,
     Details,
@@ -320,7 +321,8 @@ def _surfaces(analysis: Analysis, which: slice) -> list[Block]:
 
 
 def _contour_panels(analysis: Analysis, which: slice) -> tuple[Panel, ...]:
-    every = [surface(analysis, x, y) for x, y in chosen_pairs(analysis)]
+    pairs = chosen_pairs(analysis)
+    every = recalled(lambda: [surface(analysis, x, y) for x, y in pairs], (analysis, pairs))  # the first page shows one
     limits = _limits(every)
     return tuple(
         drawing.panel(
