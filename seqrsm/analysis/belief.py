@@ -106,12 +106,15 @@ class Belief:
     departure : Departure
     region : Region
     goal : "maximize" or "minimize"
+    run_ratio : float
+        Variance of a future run over what the scores alone say of it, see `Fitted.run_ratio`.
     """
 
     surface: Surface
     departure: Departure
     region: Region
     goal: Goal
+    run_ratio: float = 1.0
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
@@ -159,7 +162,7 @@ class Belief:
         if process is not None:
             means, variances = process.marginals(points)
             mean = (1.0 - share) * mean + share * means.mean(axis=0)
-        weight = (weight(mean) if callable(weight) else weight) / self.surface.errors.run_variance
+        weight = (weight(mean) if callable(weight) else weight) / (self.surface.errors.run_variance * self.run_ratio)
         of_quadratic = self.surface.predict(rows, level, weight, replicates)
         if process is None:
             return of_quadratic
@@ -184,9 +187,9 @@ class Belief:
         at, surface = point[None, :], self.surface
         s, h = surface.s, float(surface.variance_unscaled(surface.rows(at))[0])
         process, share = self.departure.believed, self.departure.probability
-        both = self.departure.sd_of_run(s, surface.errors)
+        both = self.departure.sd_of_run(s, surface.errors) * np.sqrt(self.run_ratio)
         if process is None:
-            return both, h / surface.errors.run_variance
+            return both, h / (surface.errors.run_variance * self.run_ratio)
         means, variances = process.marginals(at)
         off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
         of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)

@@ -74,6 +74,18 @@ class Fitted:
         """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
         return 0.0 if self.ground is None else self.ground.share
 
+    @property
+    def run_ratio(self) -> float:
+        """Variance of a run by the scores and what was measured of the ground together, over that by the scores alone.
+
+        1 where the scores are not on their own scale, or their errors not normal.
+        """
+        s = self.fit.s
+        if self.ground is None or self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0):
+            return 1.0
+        both = self.ground.sd_ground**2 + self.ground.sd_chance**2
+        return float(both / self.departure.sd_of_run(s, self.surface.errors) ** 2)
+
 
 def fit_application(
     spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], ground: Ground | None = None

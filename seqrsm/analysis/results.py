@@ -6,6 +6,7 @@ why stands in its place.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -292,12 +293,13 @@ class Analysis:
     @property
     def belief(self) -> Belief:
         """Quadratic and process together, on ``scale``."""
-        return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
+        return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal, self.fitted.run_ratio)
 
     @property
     def sd_of_run(self) -> float:
         """Standard deviation of a run of weight 1, on ``scale``."""
-        return self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
+        of_scores = self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
+        return of_scores * math.sqrt(self.fitted.run_ratio)
 
     @property
     def contradicted(self) -> bool:

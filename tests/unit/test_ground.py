@@ -216,7 +216,7 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(7)
     spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 1e-9}))  # the whole budget is spent
-    ground, chance, inside, plain = 5.0, 3.0, [], []
+    ground, chance, inside, plain, widths = 5.0, 3.0, [], [], []
     for _ in range(150):
         known = ground_of_scores(bundle(rng, ground, chance))
 
@@ -231,7 +231,12 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
         inside.append(best.prediction_mean.low <= flights.mean() <= best.prediction_mean.high)
         without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
         plain.append(without.low <= flights.mean() <= without.high)
+        widths.append(best.whole.half_width)
         assert best.whole.half_width**2 == pytest.approx(best.by_chance.half_width**2 + best.of_ground**2)
     # The share is known by 16 worlds only: an error of 0.11, which costs some points of coverage.
     assert np.mean(inside) == pytest.approx(0.94, abs=0.05)
     assert np.mean(plain) < 0.80
+    # What counts is total - 0.8 chance. Scores tell the total by 22 degrees of freedom, and the bundle by 15 more.
+    total, of_chance = ground**2 + chance**2, 0.8 * chance**2
+    error = np.hypot(total / np.sqrt(37.0), of_chance / np.sqrt(16.0)) / np.sqrt(2.0)
+    assert np.std(np.log(widths)) == pytest.approx(error / (total - of_chance), abs=0.02)
