@@ -296,8 +296,9 @@ class Analysis:
 
     @property
     def sd_of_run(self) -> float:
-        """Standard deviation of a run of weight 1, on ``scale``."""
-        return self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
+        """Standard deviation of a future run at the recommended settings, score units; see `Belief.scatter`."""
+        belief, point = self.belief, self.optimum.point
+        return self.scale.sd_in_scores(float(belief.mean(point[None, :])[0]), belief.scatter(point)[0])
 
     @property
     def contradicted(self) -> bool:
