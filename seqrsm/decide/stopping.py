@@ -163,8 +163,8 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     """Why a rule can never hold with noise ``sigma``, score units, for ``n_terms`` of the model; empty when it might.
 
     Refused is only what is impossible: the variance of the mean at any settings is at least that of ``max_runs``
-    repeats there, ``h >= 1 / max_runs``. The attainable half-width quoted, in ``unit``, has the average leverage
-    ``h = p / max_runs``; the sentence tells it, and what the mean of ``replicates`` runs would give.
+    repeats there, ``h >= 1 / max_runs``. What is attainable in ``unit`` for the mean of
+    ``replicates`` runs has the average leverage ``h = p / max_runs``; for the interval `seqrsm.campaign.budget` tells.
     """
     needed = rule.min_runs(n_terms)
     if rule.guard == "runs" and rule.max_runs < needed:
@@ -186,12 +186,10 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         )
     else:
         head = f"{runs} runs cannot reach a half-width of {target}"
-    typical = float(rule.width(sigma, runs - n_terms, n_terms / runs))
-    tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
         mean = float(rule.width(sigma, runs - n_terms, n_terms / runs, "prediction_mean"))
-        tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
-    return f"{head}{tail}."
+        head += f"; about ± {amount(mean, unit)} is attainable for the mean of {rule.replicates} runs"
+    return f"{head}."
 
 
 def flights_needed(rule: StopRule, sigma: float) -> int | None:

@@ -188,7 +188,8 @@ def test_unreachable_targets_are_explained() -> None:
     floor = target_problem(StopRule(half_width=3.0, max_runs=60), 2.0, 15, "percent")
     assert "below the noise floor" in floor
     assert "3.92 percent" in floor
-    assert "mean of 5 runs" in floor
+    h = stats.t.ppf(0.975, 45) * 2.0 * np.sqrt(0.2 + 15 / 60)
+    assert floor.endswith(f"below ± 3.92 percent; about ± {h:.3g} percent is attainable for the mean of 5 runs.")
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
     assert "60 runs cannot reach" in budget
     assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
