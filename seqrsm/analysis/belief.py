@@ -6,6 +6,7 @@ come from both; the quadratic's own analysis stays a description.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -62,9 +63,9 @@ class Departure:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None
 
-    def sd_of_run(self, s: float, errors: ErrorModel) -> float:
-        """Standard deviation of a run of weight 1, of scale ``s`` about the quadratic, which holds what that misses."""
-        noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance))
+    def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
+        """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
+        noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance)) / weight
         return float(np.sqrt(errors.run_variance * ((1.0 - self.probability) * s**2 + self.probability * noise)))
 
 
@@ -183,17 +184,21 @@ class Belief:
         )
 
     def scatter(self, point: FloatArray) -> tuple[float, float]:
-        """Standard deviation of a run of weight 1, and variance of the mean at a coded point (k,) in its square."""
+        """Standard deviation of a future run, and variance of the mean in its square, at a coded point (k,).
+
+        On the scale of the fit; the run has the weight that is expected there, and a new block where blocks are random.
+        """
         at, surface = point[None, :], self.surface
-        s, h = surface.s, float(surface.variance_unscaled(surface.rows(at))[0])
         process, share = self.departure.believed, self.departure.probability
-        both = self.departure.sd_of_run(s, surface.errors) * np.sqrt(self.run_ratio)
-        if process is None:
-            return both, h / (surface.errors.run_variance * self.run_ratio)
-        means, variances = process.marginals(at)
-        off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
-        of_process = float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
-        return both, ((1.0 - share) * s**2 * h + share * of_process) / both**2
+        weight = float(surface.scale.weight_at(self.mean(at))[0])
+        of_scores = self.departure.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
+        both = of_scores * math.sqrt(self.run_ratio)
+        of_mean = (1.0 - share) * surface.s**2 * float(surface.variance_unscaled(surface.rows(at))[0])
+        if process is not None:
+            means, variances = process.marginals(at)
+            off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
+            of_mean += share * float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
+        return both, of_mean / both**2 if both else math.nan
 
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator

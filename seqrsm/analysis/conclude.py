@@ -24,7 +24,7 @@ from seqrsm.decide.stopping import MODEL_ALPHA, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
-from seqrsm.fit.intervals import LackOfFit, known
+from seqrsm.fit.intervals import LackOfFit, known, t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs
 from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.rng import generator
@@ -230,14 +230,15 @@ def _decision(
 ) -> Decision:
     rule = stop_rule(spec.stop_of(application.name), fitted.ground_share)
     fit, surface = fitted.fit, fitted.surface
-    if surface.common_share and rule.interval != "confidence":  # which is of the average block
-        rule = replace(rule, ground_share=surface.common_share, counts_ground=True)
-    lack = fit.lack_of_fit()
     s, h = belief.scatter(estimate.point)
+    if surface.common_sd and rule.interval != "confidence":  # which is of the average block
+        rule = replace(rule, ground_share=(surface.common_sd / s) ** 2, counts_ground=True)
+    lack = fit.lack_of_fit()
+    mean = float(belief.mean(estimate.point[None, :])[0])
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=s or math.nan,
+        s=fitted.scale.sd_in_scores(mean, s, float(t_quantile(np.inf, rule.level))) or math.nan,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=h,

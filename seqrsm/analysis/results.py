@@ -6,7 +6,6 @@ why stands in its place.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -297,9 +296,9 @@ class Analysis:
 
     @property
     def sd_of_run(self) -> float:
-        """Standard deviation of a run of weight 1, on ``scale``."""
-        of_scores = self.fitted.departure.sd_of_run(self.fit.s, self.fitted.surface.errors)
-        return of_scores * math.sqrt(self.fitted.run_ratio)
+        """Standard deviation of a future run at the recommended settings, score units; see `Belief.scatter`."""
+        belief, point = self.belief, self.optimum.point
+        return self.scale.sd_in_scores(float(belief.mean(point[None, :])[0]), belief.scatter(point)[0])
 
     @property
     def contradicted(self) -> bool:

@@ -178,11 +178,12 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
     if not len(data.scores):  # the fit says what is missing
         return ResponseScale.of("identity", data.scores, Z)
+    if spec.errors.of_counts or spec.model.weights == "counts":
+        needs = f'errors = "{spec.errors.name}"' if spec.errors.of_counts else 'weights = "counts"'
+        _, trials = counts_of(data, needs)
+        return ResponseScale.of_counts(spec.model.response, data.scores, trials, Z)
     if spec.model.weights == "equal":
         return ResponseScale.of(spec.model.response, data.scores, Z)
-    if spec.model.weights == "counts":
-        _, trials = counts_of(data, 'weights = "counts"')
-        return ResponseScale.of_counts(spec.model.response, data.scores, trials, Z)
     if not np.all(data.score_se > 0.0):
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'

@@ -118,12 +118,15 @@ class ResponseScale:
     def to_score(self, values: FloatArray, runs: float = np.inf) -> FloatArray:
         """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.
 
-        Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent.
+        Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent. Scores are then those
+        that there can be: an end at 99.9 percent would leave out 100 correct of 100.
         """
         if self.kind == "identity":
             return values
         percent, count = logit_to_percent(values), self.trials * runs
-        return np.clip(percent + (percent - 50.0) / count, 0.0, 100.0) if np.isfinite(count) else percent
+        if not np.isfinite(count):
+            return percent
+        return np.asarray(100.0 / count * np.rint(np.clip(percent * (count + 1.0) / 100.0 - 0.5, 0.0, count)))
 
     def centred(self, scores: FloatArray, counts: FloatArray | None = None) -> FloatArray:
         """Repeated scores on the scale of the fit, with the value of all decisions together as their mean."""
@@ -141,6 +144,10 @@ class ResponseScale:
         """An interval of the scale of the fit, in score units: for means, or for the mean of so many future runs."""
         ends = self.to_score(np.array([low, high]), runs)
         return Interval(float(ends[0]), float(ends[1]))
+
+    def sd_in_scores(self, value: float, sd: float, reach: float = 1.0) -> float:
+        """Standard deviation of single runs about ``value`` in score units, from so many of them to either side."""
+        return self.in_scores(value - reach * sd, value + reach * sd).half_width / reach
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""

@@ -155,9 +155,13 @@ class Surface:
         del point, level
         return None
 
+    def sd_of_run(self, weight: float) -> float:
+        """Scale of the scatter of a future run of a weight; in a new block where blocks are random."""
+        return self.s / float(np.sqrt(weight))
+
     @property
-    def common_share(self) -> float:
-        """Share of the variance of a future run that others made with it have in common."""
+    def common_sd(self) -> float:
+        """What future runs made together have in common scatters so much."""
         return 0.0
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
@@ -217,11 +221,15 @@ class RandomBlocks(Surface):
         why = "exactly, not by emcee: the exact form is known with random blocks"
         return Draws(beta, sigma, made, share, sigma_block=of_blocks, instead=why)
 
+    def sd_of_run(self, weight: float) -> float:
+        """Its weight is that of its own error alone."""
+        return float(np.sqrt((self.s**2 - self.common_sd**2) / weight + self.common_sd**2))
+
     @property
-    def common_share(self) -> float:
-        """That of the block."""
+    def common_sd(self) -> float:
+        """The block."""
         found = self.posterior
-        return float(found.shares @ (np.square(found.s) * found.ratios)) / found.s_new_day**2
+        return float(np.sqrt(found.shares @ (np.square(found.s) * found.ratios)))
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""

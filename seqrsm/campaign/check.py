@@ -27,7 +27,6 @@ from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, sim
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
-from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import generator
 from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
@@ -283,17 +282,7 @@ def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
         return found
     share = found.share if analysis.fitted.ground is None else analysis.fitted.ground_share
     source = f"residuals of {analysis.fit.n_runs} scored runs"
-    return _Scatter(_sd_of_score(analysis), share, analysis.fit.df_residual, source)
-
-
-def _sd_of_score(analysis: Analysis) -> float:
-    """Standard deviation of a run at the recommended settings, score units."""
-    scale, mean = analysis.scale, np.array([analysis.optimum.mean])
-    if scale.kind == "identity":
-        return analysis.sd_of_run
-    logit = logit_scores(mean)  # whose slope over the score p is 100 / (p (100 - p))
-    sd = analysis.sd_of_run * mean * (100.0 - mean) / 100.0 / np.sqrt(scale.weight_at(logit))
-    return float(sd[0])
+    return _Scatter(analysis.sd_of_run, share, analysis.fitted.surface.df_residual, source)
 
 
 def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[list[_Scatter], float, tuple[str, ...]]:

@@ -78,19 +78,20 @@ def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth
     """A draw of the process, or of the quadratic, by their probabilities."""
     fitted, goal, region = analysis.fitted, analysis.goal, analysis.region
     sign = sign_of(goal)
-    departure = fitted.departure
+    departure, weight_at = fitted.departure, fitted.scale.weight_at
     if departure.believed is not None and rng.random() < departure.probability:
         mean, sd = departure.believed.draw(rng)
         (point, *_) = climb(lambda at: sign * mean(at), region, region.sample(_PLACES, rng), rng)
-        return _Truth(mean, lambda at: np.full(len(at), sd), float(mean(point[None, :])[0]))
+        return _Truth(mean, lambda at: np.asarray(sd / np.sqrt(weight_at(mean(at)))), float(mean(point[None, :])[0]))
     i = int(rng.integers(len(draws.sigma)))
-    sigma = draws.sigma[i] if draws.sigma_block is None else np.hypot(draws.sigma[i], draws.sigma_block[i])
+    sigma, of_block = draws.sigma[i], 0.0 if draws.sigma_block is None else draws.sigma_block[i]
     beta = draws.terms[i]
-    return _Truth(
-        lambda at: analysis.model.matrix(at) @ beta,
-        lambda at: np.full(len(at), sigma) / np.sqrt(fitted.scale.weight_at(analysis.model.matrix(at) @ beta)),
-        optimum(analysis.model, region, beta, goal).value,
-    )
+
+    def quadratic(at: FloatArray) -> FloatArray:
+        return np.asarray(analysis.model.matrix(at) @ beta)
+
+    best = optimum(analysis.model, region, beta, goal).value
+    return _Truth(quadratic, lambda at: np.hypot(sigma / np.sqrt(weight_at(quadratic(at))), of_block), best)
 
 
 def make_campaign(
@@ -244,5 +245,6 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
     if draws.sigma_block is not None:
         notes.append("Each rehearsed run is in its own block, with the scatter between blocks.")
     if spec.model.weights != "equal":
-        notes.append("All rehearsed runs have the scatter of a run of average weight.")
+        usual = "counts of the median n" if spec.model.weights == "counts" else "the median standard error"
+        notes.append(f"All rehearsed runs scatter as expected of {usual}; their fits weigh them alike.")
     return {"campaigns": len(ended), "rows": rows, "notes": notes, "numbers": numbers}

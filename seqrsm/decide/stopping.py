@@ -163,8 +163,8 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     """Why a rule can never hold with noise ``sigma``, score units, for ``n_terms`` of the model; empty when it might.
 
     Refused is only what is impossible: the variance of the mean at any settings is at least that of ``max_runs``
-    repeats there, ``h >= 1 / max_runs``. The attainable half-width quoted, in ``unit``, has the average leverage
-    ``h = p / max_runs``; the sentence tells it, and what the mean of ``replicates`` runs would give.
+    repeats there, ``h >= 1 / max_runs``. What is attainable in ``unit`` for the mean of
+    ``replicates`` runs has the average leverage ``h = p / max_runs``; for the interval `seqrsm.campaign.budget` tells.
     """
     needed = rule.min_runs(n_terms)
     if rule.guard == "runs" and rule.max_runs < needed:
@@ -186,12 +186,10 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         )
     else:
         head = f"{runs} runs cannot reach a half-width of {target}"
-    typical = float(rule.width(sigma, runs - n_terms, n_terms / runs))
-    tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
         mean = float(rule.width(sigma, runs - n_terms, n_terms / runs, "prediction_mean"))
-        tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
-    return f"{head}{tail}."
+        head += f"; about ± {amount(mean, unit)} is attainable for the mean of {rule.replicates} runs"
+    return f"{head}."
 
 
 def flights_needed(rule: StopRule, sigma: float) -> int | None:
@@ -271,14 +269,15 @@ class Look:
     n_runs, n_terms : int
         Scored runs and terms of the model.
     s, df_residual : float, int
-        Residual standard deviation (nan without degrees of freedom) and its degrees of freedom.
+        Standard deviation of a future run at the optimum, score units (nan without degrees of freedom), and the
+        residual degrees of freedom.
     df_pure_error : int
         Degrees of freedom of pure error.
     h : float
-        ``z0' (Z'WZ)^-1 z0`` at the optimum.
+        Variance of the mean there in its square.
     half_width : float
-        Half-width of the rule's Student interval in score units, where the fit is on another scale than the scores; by
-        default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
+        Half-width of the rule's interval, score units; by default Student's of ``s`` and ``h``. What it has beyond the
+        scatter of future runs is forecast to fall with more runs.
     model_p : float, optional
         p of the F test that no term but the intercept matters; 1 where all scores are equal.
     guess : float or None
@@ -346,10 +345,12 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     ``confirmation``: test of fresh runs at the recommended settings; ``unit``: of the score, for the sentences.
     """
     n_runs, n_terms = look.n_runs, look.n_terms
-    student = float(rule.width(look.s, look.df_residual, look.h))
-    known = student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width)
-    scale = look.half_width / student if known else 1.0
-    width = scale * student
+    width, s, h = look.half_width, look.s, look.h
+    if np.isfinite(width):
+        of_runs = 1.0 / rule.replicates_of()
+        h = max((width / float(rule.width(s, look.df_residual, 1.0 - of_runs))) ** 2 - of_runs, 0.0)
+    else:
+        width = float(rule.width(s, look.df_residual, h))
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
         asked = f"{rule.min_runs(n_terms)} are required ({_RUNS_PER_TERM:g} per term)"
@@ -369,7 +370,8 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         agrees, text = (confirmation.agrees, confirmation.text) if confirmation else (None, text)
         checks.append(Check("confirmation", agrees, text))
     held = all(check.holds is True for check in checks)
-    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=look.s * scale, h=look.h)
+    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s, h=h)
+    ahead = replace(ahead, attainable_half_width=min(ahead.attainable_half_width, width))
     useless = futility(rule, look, ahead, width, unit)
     budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.stats import kstest
 
-from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
@@ -101,12 +101,13 @@ def test_truths_are_quadratics_and_processes_by_their_probability(tmp_path: Path
     assert min(truth.best - float(truth.mean(analysis.optimum.point[None, :])[0]) for truth in truths[:20]) > -0.05
 
 
-def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path) -> None:
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path, share: float) -> None:
     """On the logit's scale more where the score is nearer to 100, so that they scatter alike in percent."""
     spec, analysis = known(tmp_path, lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
-    of_quadratic = replace(analysis.fitted, departure=Departure(None, float("nan"), 0.0))
-    truth = rehearsal._truth(replace(analysis, fitted=of_quadratic), draws, np.random.default_rng(2))
+    fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
+    truth = rehearsal._truth(replace(analysis, fitted=fitted), draws, np.random.default_rng(2))
     at = np.array([[0.3, -0.2], [-1.0, 1.0]])
     percent = analysis.scale.to_score(truth.mean(at))
     assert percent[0] > 90.0 > 80.0 > percent[1]

@@ -769,6 +769,6 @@ def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_pa
     found = analysed(tmp_path / "c", specification(numeric(1), rest='[model]\nerrors = "student_t"\n'), points, scores)
     assert found.sd_of_run == pytest.approx(np.sqrt(2.0), rel=0.1)
     s, h = found.belief.scatter(found.optimum.point)
-    assert s == found.sd_of_run
+    assert s == pytest.approx(found.sd_of_run)
     row = found.model.matrix(found.optimum.point[None, :])
     assert s**2 * h == pytest.approx(float(found.fit.predict(row).se_mean[0]) ** 2, rel=1e-9)

@@ -170,3 +170,51 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     assert done.exit_code == 0, done.output
     found = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
     assert found["noise"] == pytest.approx(np.sqrt(96.0 * 4.0 / 400.0) if counts else 0.8, rel=0.2)
+
+
+_TOP = 90.0
+
+
+@pytest.mark.parametrize("kind", ["counts", "beta_binomial", "random", "random logit"])
+def test_check_and_fit_tell_the_scatter_of_a_future_run_at_the_optimum(tmp_path: Path, kind: str) -> None:
+    """Counts scatter less at 90 percent than at 60; a run on a new day has the day's effect beside its own error.
+
+    Told was the scatter of a run of average weight on a known day.
+    """
+    rng, x = np.random.default_rng(3), np.tile(np.linspace(-1.0, 1.0, 7), 30)
+    logit = "logit" in kind or kind == "beta_binomial"
+    day = rng.permutation(np.repeat(np.arange(30), 7))
+    effect = rng.normal(0.0, 1.5, 30)[day] * ("random" in kind)  # percent at the top
+    mean = _TOP - 30.0 * x**2 + effect
+    if logit:
+        odds = _TOP / (100.0 - _TOP) * np.exp(-1.8 * x**2 + effect * 100.0 / (_TOP * (100.0 - _TOP)))
+        mean = 100.0 * odds / (1.0 + odds)
+    model = {
+        "counts": 'weights = "counts"',
+        "beta_binomial": 'errors = "beta_binomial"',
+        "random": 'block = "block"\nblock_effect = "random"',
+    }[kind.removesuffix(" logit")] + '\nresponse = "logit"' * logit
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "m"\nseed = 1\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
+        '[[application]]\nname = "score"\nutility = "percent_correct"\n'
+        f"[model]\n{model}\n[stop]\nhalf_width = 20.0\nmax_runs = 300\n",
+        encoding="utf-8",
+    )
+    if "random" in kind:
+        scores = mean + rng.normal(0.0, 1.0, x.size)
+        lines, true = [f"{a},{b},d{c}" for a, b, c in zip(x, scores, day, strict=True)], np.hypot(1.5, 1.0)
+        header = "x,score,block"
+    else:
+        correlation = 0.02 if kind == "beta_binomial" else 1e-6
+        phi = 1.0 / correlation - 1.0
+        right = rng.binomial(200, rng.beta(mean / 100.0 * phi, (1.0 - mean / 100.0) * phi))
+        lines, header = [f"{a},{b / 2},200,{b}" for a, b in zip(x, right, strict=True)], "x,score,n,correct"
+        true = np.sqrt(_TOP * (100.0 - _TOP) / 200.0 * (1.0 + 199.0 * correlation))
+    (tmp_path / "s.csv").write_text("\n".join([header, *lines]), encoding="utf-8")
+    done = CliRunner().invoke(app, ["ingest", str(tmp_path), str(tmp_path / "s.csv"), "--accept"])
+    assert done.exit_code == 0, done.output
+    checked = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
+    fitted = json.loads(CliRunner().invoke(app, ["fit", str(tmp_path), "--json"]).stdout)["stop"]
+    assert checked["noise"] == pytest.approx(true, rel=0.12)
+    assert fitted["noise_floor"] == pytest.approx(student.ppf(0.975, np.inf) * true, rel=0.2 if logit else 0.12)
+    assert checked["plans"][0]["half_width"] == pytest.approx(fitted["half_width"], rel=0.1)

@@ -114,13 +114,16 @@ def test_a_future_share_of_few_decisions_is_foretold_as_it_is_scored():
     np.testing.assert_allclose(together - together[0], scale.values - scale.values[0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("trials", [10, 20])
-def test_future_shares_of_few_decisions_are_covered(trials):
-    """Of runs with 95 % at their best: the plain logistic end leaves out the most probable score, all correct."""
+@pytest.mark.parametrize(("trials", "top", "most"), [(10, 2.9, 0.8), (20, 2.9, 0.8), (100, 3.8, 0.93)])
+def test_future_shares_of_few_decisions_are_covered(trials, top, most):
+    """Of runs with 95 or 98 % at their best: the plain logistic end leaves out a score of all correct.
+
+    So did an end at 99.9 % of 100 decisions, which one run in ten has all correct.
+    """
     rng, covered = np.random.default_rng(trials), []
     x = np.tile(np.linspace(-1.0, 1.0, 5), 8)
     Z, n = np.column_stack([np.ones(40), x, x**2]), np.full(40, float(trials))
-    p = 1.0 / (1.0 + np.exp(-(Z @ [2.9, 0.2, -1.5])))
+    p = 1.0 / (1.0 + np.exp(-(Z @ [top, 0.2, -1.5])))
     for _ in range(60):
         percent = 100.0 * rng.binomial(trials, p) / trials
         scale = ResponseScale.of_counts("logit", percent, n, Z)
@@ -132,8 +135,8 @@ def test_future_shares_of_few_decisions_are_covered(trials):
             one = scale.in_scores(float(ends.low[0]), float(ends.high[0]), runs)
             covered.append(np.mean((future >= one.low) & (future <= one.high)))
     ours, plain = np.mean(np.reshape(covered, (-1, 2)), axis=0)
-    assert ours > 0.93
-    assert plain < 0.8
+    assert ours > 0.95
+    assert plain < most
 
 
 def test_decisions_that_go_together_do_not_raise_the_logit():

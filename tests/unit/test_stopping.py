@@ -93,11 +93,16 @@ def test_interval_kinds() -> None:
         assert look(rule).half_width == pytest.approx(t * 2.0 * np.sqrt(share + 0.2))
 
 
-def test_half_width_in_score_units_scales_the_forecast() -> None:
-    plain, scaled = look(), look(half_width=10.0 * look().half_width)
-    assert scaled.half_width == pytest.approx(10.0 * plain.half_width)
-    assert scaled.noise_floor == pytest.approx(10.0 * plain.noise_floor)
-    assert scaled.attainable_half_width == pytest.approx(10.0 * plain.attainable_half_width)
+def test_what_an_interval_has_beyond_the_scatter_of_runs_falls_with_more_of_them() -> None:
+    """As that of a logit, of selection bias, of a surface that is no quadratic: the floor is that of runs alone."""
+    wide = look(half_width=8.0)
+    assert wide.half_width == 8.0
+    assert wide.noise_floor == pytest.approx(1.959964 * 2.0, rel=1e-6)
+    beyond = (8.0 / (stats.t.ppf(0.975, 35) * 2.0)) ** 2 - 1.0
+    expected = stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + beyond * 50 / 80)
+    assert wide.attainable_half_width == pytest.approx(expected)
+    narrow = look(half_width=3.95)  # of normal quantiles: Student's alone of 35 degrees of freedom would be 4.06
+    assert narrow.attainable_half_width == 3.95
 
 
 def test_target_below_the_noise_floor_is_told_with_what_can_be_had() -> None:
@@ -183,7 +188,8 @@ def test_unreachable_targets_are_explained() -> None:
     floor = target_problem(StopRule(half_width=3.0, max_runs=60), 2.0, 15, "percent")
     assert "below the noise floor" in floor
     assert "3.92 percent" in floor
-    assert "mean of 5 runs" in floor
+    h = stats.t.ppf(0.975, 45) * 2.0 * np.sqrt(0.2 + 15 / 60)
+    assert floor.endswith(f"below ± 3.92 percent; about ± {h:.3g} percent is attainable for the mean of 5 runs.")
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
     assert "60 runs cannot reach" in budget
     assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
