@@ -285,11 +285,11 @@ def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], d
             report.unknown_key((key,), known)
     for key in REQUIRED:
         if key not in raw:
-            report.missing_table(key, repeated=key in REPEATED)
+            header = f"[[{key}]]" if key in REPEATED else f"[{key}]"
+            report.add((key,), f"the file has no {header}", f"Add a table {header}.")
     single = {}
     for key, model in SINGLE.items():
-        optional = key not in REQUIRED and key != "simulator"
-        if key in raw or optional:
+        if key in raw or key not in (*REQUIRED, "simulator"):
             single[key] = _validated(model, raw.get(key, {}), (key,), report)
     repeated: dict[str, list[Any]] = {}
     for key, model in REPEATED.items():
