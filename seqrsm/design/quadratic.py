@@ -68,7 +68,6 @@ class QuadraticModel(OfFactors):
     second: IntArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "factors", tuple(self.factors))
         products = _products(self.factors, self.columns, self.order)
         object.__setattr__(self, "terms", tuple(term for term, _, _ in products))
         object.__setattr__(self, "first", np.array([a for _, a, _ in products], dtype=np.int64))

@@ -91,8 +91,6 @@ class Region(OfFactors):
     anchors: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "factors", tuple(self.factors))
-        object.__setattr__(self, "constraints", tuple(self.constraints))
         problems = _declaration_problems(self.factors, self.constraints)
         if problems:
             raise RegionError(*problems)
