@@ -318,10 +318,8 @@ def _target_text(wanted: Sequence[Wanted]) -> str:
 
 def _joined(found: Sequence[_Chosen]) -> _Chosen:
     """One range that holds those of several applications."""
-    first = found[0]
     comments = tuple(comment for one in found for comment in one.comments)
-    low, high = min(one.low for one in found), max(one.high for one in found)
-    return _Chosen(first.name, first.unit, first.scale, low, high, comments)
+    return replace(found[0], low=min(one.low for one in found), high=max(one.high for one in found), comments=comments)
 
 
 def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
