@@ -127,8 +127,6 @@ class StartRanges:
 
     Attributes
     ----------
-    words : str
-        The words looked up.
     system : {"active", "passive"}
         Radar or radiometer.
     entries : tuple of Entry
@@ -139,7 +137,6 @@ class StartRanges:
         Levels of polarization.
     """
 
-    words: str
     system: str
     entries: tuple[Entry, ...]
     ranges: tuple[StartRange, ...]
@@ -288,7 +285,7 @@ def start_ranges(words: str, *, system: str = "active") -> StartRanges:
         best = {90.0 - e.best_nadir_angle_deg for e in entries if e.best_nadir_angle_deg is not None}
         only = best.pop() if len(best) == 1 else None
         ranges.append(_start_range("depression_angle", "deg", "linear", system, angles, only))
-    return StartRanges(words, system, entries, tuple(ranges), _polarization(entries))
+    return StartRanges(system, entries, tuple(ranges), _polarization(entries))
 
 
 @dataclass(frozen=True, slots=True)

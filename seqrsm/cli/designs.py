@@ -20,15 +20,11 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, ScoresFileError, UserError
 from seqrsm.files import put
-from seqrsm.plain import plain
+from seqrsm.plain import plain, shallow
 from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
 _MAX_FACTORS = 8
-
-
-def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
-    return UserError(message, remedy, field=field, value=value)
 
 
 def parse_factor(text: str) -> Factor:
@@ -44,16 +40,18 @@ def parse_factor(text: str) -> Factor:
     remedy = 'Write NAME=LOW:HIGH, NAME=LOW:HIGH:log, or NAME=LEVEL,LEVEL; for example "looks=1,2,4".'
     name, equals, rest = (part.strip() for part in text.partition("="))
     if not equals or not name or not rest:
-        raise _wrong("a factor cannot be read", remedy, "--factor", text)
+        raise UserError("a factor cannot be read", remedy, field="--factor", value=text)
     if ":" in rest:
         low, _, tail = rest.partition(":")
         high, _, scale = tail.partition(":")
         try:
             ends = float(low), float(high)
         except ValueError:
-            raise _wrong("the range of a factor is not a pair of numbers", remedy, "--factor", text) from None
+            raise UserError(
+                "the range of a factor is not a pair of numbers", remedy, field="--factor", value=text
+            ) from None
         if scale.strip() not in ("", "log", "linear"):
-            raise _wrong("unknown scale", "Use log or linear.", "--factor", text)
+            raise UserError("unknown scale", "Use log or linear.", field="--factor", value=text)
         return ContinuousFactor(name, *ends, scale="log" if scale.strip() == "log" else "linear")
     levels = [part.strip() for part in rest.split(",") if part.strip()]
     try:
@@ -71,16 +69,15 @@ def factors_of(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...
         Both are given, neither is, or there are too many.
     """
     if declared and number is not None:
-        raise _wrong(
-            "both a number of factors and factors are given", "Give --factors or --factor, not both.", "--factors"
-        )
+        remedy = "Give --factors or --factor, not both."
+        raise UserError("both a number of factors and factors are given", remedy, field="--factors")
     if declared:
         found = tuple(parse_factor(text) for text in declared)
         if len(found) > _MAX_FACTORS:
-            raise _wrong("too many factors", f"Use {_MAX_FACTORS} at most.", "--factor", len(found))
+            raise UserError("too many factors", f"Use {_MAX_FACTORS} at most.", field="--factor", value=len(found))
         return found
     if number is None:
-        raise _wrong("no factors", "Give their number (--factors) or each of them (--factor).", "--factors")
+        raise UserError("no factors", "Give their number (--factors) or each of them (--factor).", field="--factors")
     return tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(number))
 
 
@@ -105,15 +102,15 @@ def read_prior_runs(path: Path, region: Region) -> FloatArray:
 
 def standalone_design(
     factors: tuple[Factor, ...],
-    constraints: Sequence[str] = (),
+    constraints: Sequence[str],
     *,
     runs: int,
-    criterion: str = "D",
-    order: int = 2,
-    centre: int = 0,
-    prior_runs: Path | None = None,
-    seed: int = 1979,
-    random_order: bool = False,
+    criterion: str,
+    order: int,
+    centre: int,
+    prior_runs: Path | None,
+    seed: int,
+    random_order: bool,
 ) -> dict[str, Any]:
     """Make a design and tell how good it is.
 
@@ -147,14 +144,12 @@ def standalone_design(
     UserError
         Options that do not go together; a file that cannot be read.
     """
-    if order not in (1, 2):
-        raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", order)
     known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
     if criterion.upper() not in known:
-        raise _wrong("unknown criterion", f"Use one of {', '.join(known)}.", "--criterion", criterion)
+        raise UserError("unknown criterion", f"Use one of {', '.join(known)}.", field="--criterion", value=criterion)
     if centre >= runs:
         remedy = "Give fewer, or more --runs, which include those at the centre."
-        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", centre)
+        raise UserError("no runs remain besides those at the centre", remedy, field="--centre", value=centre)
     region = Region(factors, tuple(Constraint(text) for text in constraints))
     model = QuadraticModel(factors, order)
     prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
@@ -175,26 +170,19 @@ def standalone_design(
         "run_order": "random" if random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
-        **plain({name: getattr(report, name) for name in _QUALITY}),
-        "warnings": _warnings(report),
+        **plain(shallow(report)),
+        "warnings": _warnings(report, saturated=len(prior) + len(points) == model.p),
         "searches": design.starts,
         "searches_that_ended_here": design.hits,
         "seed": seed,
     }
 
 
-_QUALITY = (
-    *("d_efficiency", "i_efficiency", "d_value", "a_value", "i_value", "condition_number"),
-    *("n_distinct", "df_pure_error", "leverage", "fraction_of_design_space"),
-)
-"""Of `DesignReport`."""
-
-
-def _warnings(report: DesignReport) -> list[str]:
+def _warnings(report: DesignReport, *, saturated: bool) -> list[str]:
     warnings = []
     if report.condition_number > 1e3:
         warnings.append(f"the design is ill-conditioned (condition number {report.condition_number:.2g})")
-    if report.n_runs == report.n_terms:
+    if saturated:
         warnings.append("as many runs as terms: the scatter cannot be estimated")
     elif not report.df_pure_error:
         warnings.append("no settings are repeated, so lack of fit cannot be tested")

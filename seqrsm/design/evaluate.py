@@ -32,34 +32,30 @@ class DesignReport:
 
     Attributes
     ----------
-    n_runs, n_terms : int
-        N and p.
-    condition_number : float
-        Of the column-scaled model matrix.
-    d_value, a_value, i_value : float
-        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region.
     d_efficiency, i_efficiency : float or None
         Against the best continuous design, where tabulated and all runs lie in the region.
-    fraction_of_design_space : ndarray (101,)
-        Scaled prediction variance that 0, 1 ... 100 % of the region does not exceed.
-    leverage : ndarray (N,)
-        Diagonal of the hat matrix.
+    d_value, a_value, i_value : float
+        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region.
+    condition_number : float
+        Of the column-scaled model matrix.
     n_distinct, df_pure_error : int
         Different settings, and N less that.
+    leverage : ndarray (N,)
+        Diagonal of the hat matrix.
+    fraction_of_design_space : ndarray (101,)
+        Scaled prediction variance that 0, 1 ... 100 % of the region does not exceed.
     """
 
-    n_runs: int
-    n_terms: int
-    condition_number: float
+    d_efficiency: float | None
+    i_efficiency: float | None
     d_value: float
     a_value: float
     i_value: float
-    d_efficiency: float | None
-    i_efficiency: float | None
-    fraction_of_design_space: FloatArray
-    leverage: FloatArray
+    condition_number: float
     n_distinct: int
     df_pure_error: int
+    leverage: FloatArray
+    fraction_of_design_space: FloatArray
 
 
 def continuous_bound(model: QuadraticModel, criterion: str) -> float | None:
@@ -121,18 +117,16 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
     comparable = region.is_box and bool(np.all(region.feasible(points)))
     return DesignReport(
-        n_runs=n,
-        n_terms=p,
-        condition_number=condition(Z),
+        d_efficiency=d_value / d_bound if d_bound is not None and comparable else None,
+        i_efficiency=i_bound / i_value if i_bound is not None and comparable else None,
         d_value=d_value,
         a_value=n * float(np.trace(inverse)) / p,
         i_value=i_value,
-        d_efficiency=d_value / d_bound if d_bound is not None and comparable else None,
-        i_efficiency=i_bound / i_value if i_bound is not None and comparable else None,
-        fraction_of_design_space=curve,
-        leverage=np.sum((Z @ inverse_root) ** 2, axis=1),
+        condition_number=condition(Z),
         n_distinct=distinct,
         df_pure_error=n - distinct,
+        leverage=np.sum((Z @ inverse_root) ** 2, axis=1),
+        fraction_of_design_space=curve,
     )
 
 

@@ -31,8 +31,8 @@ _NAME = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*\.)?[A-Za-z_][A-Za-z0-9_]*\Z")
 _LEVEL_TOLERANCE = 1e-6
 
 
-def _name_problems(name: object) -> list[Problem]:
-    if not isinstance(name, str) or not _NAME.match(name) or len(name) > 64:
+def _name_problems(name: str) -> list[Problem]:
+    if not _NAME.match(name) or len(name) > 64:
         text = "a factor's name is not usable in constraints and term names"
         remedy = "Use 1 to 64 letters a to z, digits and underscores, no digit first, one dot after a sensor's name."
         return [Problem(text, remedy, field="name", value=name)]
@@ -41,9 +41,7 @@ def _name_problems(name: object) -> list[Problem]:
     return []
 
 
-def _scale_problems(name: str, scale: object, smallest: float) -> list[Problem]:
-    if scale not in ("linear", "log"):
-        return [Problem("unknown scale", 'Use "linear" or "log".', field=f"{name}.scale", value=scale)]
+def _scale_problems(name: str, scale: Scale, smallest: float) -> list[Problem]:
     if scale == "log" and smallest <= 0.0:
         text, remedy = "a logarithmic factor must be positive throughout", "Raise the lower end above 0 or use"
         return [Problem(text, f'{remedy} scale = "linear".', field=name, value=smallest)]
@@ -63,10 +61,6 @@ def _list_problems(field: str, listed: tuple[object, ...], what: str) -> list[Pr
 LOG_NEEDS_POSITIVE = "a logarithmic factor takes positive values only"
 _SAME_END = 1e-14
 """Coded distance from an end that is rounding and no setting of its own."""
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def log_ratio(values: ArrayLike, low: float) -> FloatArray:
@@ -136,7 +130,7 @@ class ContinuousFactor:
         broken = [
             Problem("an end of the interval is not a finite number", field=f"{self.name}.{key}", value=end)
             for key, end in ends
-            if not _is_number(end) or not math.isfinite(end)
+            if not math.isfinite(end)
         ]
         problems += broken
         if not broken:
@@ -190,7 +184,7 @@ class DiscreteFactor:
         broken = [
             Problem("a value is not a finite number", field=f"{self.name}.values", value=v)
             for v in values
-            if not _is_number(v) or not math.isfinite(v)
+            if not math.isfinite(v)
         ]
         problems += broken
         if not broken:
@@ -259,7 +253,7 @@ class CategoricalFactor:
         problems += [
             Problem("a level's name is empty or has blanks or control signs at its ends", field=field, value=level)
             for level in levels
-            if not isinstance(level, str) or not level or level != level.strip() or not level.isprintable()
+            if not level or level != level.strip() or not level.isprintable()
         ]
         problems += _list_problems(field, levels, "level")
         if problems:

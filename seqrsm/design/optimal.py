@@ -29,16 +29,12 @@ class Design:
     ----------
     points : ndarray (n, k)
         The runs chosen, coded.
-    value : float
-        Value of the criterion: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), to be small. M = Z'Z
-        over all N runs, the fixed ones too.
     hits, starts : int
-        How many of the local searches ended at this value: one or two of hundreds mean that a longer search may find
+        How many of the local searches ended at its value: one or two of hundreds mean that a longer search may find
         a better design.
     """
 
     points: FloatArray
-    value: float
     hits: int
     starts: int
 
@@ -88,8 +84,7 @@ def optimal_design(
     points, hits, made = search_region(model, region, task, searches, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
-    value = _value(model, np.vstack([kept, points]), weights)
-    return Design(points, value, hits, made)
+    return Design(points, hits, made)
 
 
 def start_design(
@@ -165,15 +160,3 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
     text = f"no runs in the region can separate these terms from the others: {', '.join(terms)}"
     return DesignError(text, "Relax the constraints or the levels, or omit the terms.")
-
-
-def _value(model: QuadraticModel, runs: FloatArray, weights: FloatArray | None) -> float:
-    """Value of the criterion, from all runs (N, k) alone: nothing of the search's running values is trusted.
-
-    ``weights`` (p, p): W of the criteria I and A.
-    """
-    Z = model.matrix(runs)
-    M = Z.T @ Z
-    if weights is None:
-        return float(np.exp(np.linalg.slogdet(M)[1] / model.p)) / len(Z)
-    return float(np.sum(weights * np.linalg.inv(M)))

@@ -68,9 +68,6 @@ class QuadraticModel(OfFactors):
     second: IntArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.order not in (1, 2):
-            raise ValueError(f"order must be 1 or 2, not {self.order!r}")
-        object.__setattr__(self, "factors", tuple(self.factors))
         products = _products(self.factors, self.columns, self.order)
         object.__setattr__(self, "terms", tuple(term for term, _, _ in products))
         object.__setattr__(self, "first", np.array([a for _, a, _ in products], dtype=np.int64))
@@ -105,11 +102,9 @@ class QuadraticModel(OfFactors):
         Raises
         ------
         ValueError
-            Wrong number of columns, or a level index that is none.
+            A level index that is none.
         """
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        if points.ndim != 2 or points.shape[1] != self.k:
-            raise ValueError(f"points must have {self.k} columns, not shape {points.shape}")
         columns = [np.ones((points.shape[0], 1)), points[:, list(self.numeric)]]
         for i in self.categorical:
             factor = self.factors[i]
@@ -152,8 +147,6 @@ class QuadraticModel(OfFactors):
             The value of the model is ``c + x'b + x'Bx``.
         """
         beta = np.asarray(beta, dtype=np.float64)
-        if beta.shape[-1] != self.p or len(levels) != len(self.categorical):
-            raise ValueError(f"forms needs {self.p} coefficients and {len(self.categorical)} levels")
         point = np.zeros((1, self.k))
         point[0, list(self.categorical)] = levels
         fixed = self.base(point)[0]
@@ -174,8 +167,6 @@ class QuadraticModel(OfFactors):
 
     def factor_terms(self, name: str) -> IntArray:
         """Return the indices of all terms that hold the factor ``name``, for RSL TR 380-1 eq. (2-14)."""
-        if name not in self.names:
-            raise KeyError(name)
         return np.array([t for t, term in enumerate(self.terms) if name in term.factors], dtype=np.int64)
 
 

@@ -26,7 +26,6 @@ from seqrsm.design.factors import (
 )
 from seqrsm.errors import Problem, RegionError
 
-_BOX_TOLERANCE = 1e-9
 _LINE_SAMPLES = 65
 _MAX_DRAWN = 1_000_000
 _MOST_CELLS = 20_000  # counted, of a region without continuous factors
@@ -92,8 +91,6 @@ class Region(OfFactors):
     anchors: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "factors", tuple(self.factors))
-        object.__setattr__(self, "constraints", tuple(self.constraints))
         problems = _declaration_problems(self.factors, self.constraints)
         if problems:
             raise RegionError(*problems)
@@ -189,24 +186,18 @@ class Region(OfFactors):
         smallest: FloatArray = np.min(slacks, axis=1, initial=np.inf)
         return smallest
 
-    def inside_box(self, points: FloatArray, tol: float = _BOX_TOLERANCE) -> BoolArray:
-        """Which points (n, k) lie within the bounds and on the levels; constraints are not looked at."""
-        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        inside: BoolArray = np.all(np.isfinite(points), axis=1)
-        for column, factor in enumerate(self.factors):
-            values = np.where(np.isfinite(points[:, column]), points[:, column], 0.0)
-            if isinstance(factor, ContinuousFactor):
-                inside &= np.abs(values) <= 1.0 + tol
-            elif isinstance(factor, DiscreteFactor):
-                inside &= factor.match(values)[1]
-            else:
-                inside &= (values == np.rint(values)) & (values >= 0) & (values < len(factor.levels))
-        return inside
-
     def feasible(self, points: FloatArray, tol: float = 1e-9) -> BoolArray:
         """Which points (n, k) lie within the bounds, on the levels and inside all constraints, to ``tol``."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        feasible = self.inside_box(points, max(tol, 0.0))
+        feasible: BoolArray = np.all(np.isfinite(points), axis=1)
+        for column, factor in enumerate(self.factors):
+            values = np.where(np.isfinite(points[:, column]), points[:, column], 0.0)
+            if isinstance(factor, ContinuousFactor):
+                feasible &= np.abs(values) <= 1.0 + tol
+            elif isinstance(factor, DiscreteFactor):
+                feasible &= factor.match(values)[1]
+            else:
+                feasible &= (values == np.rint(values)) & (values >= 0) & (values < len(factor.levels))
         if not self.is_box and np.any(feasible):
             feasible[feasible] = self.slack(points[feasible]) >= -tol
         return feasible

@@ -64,8 +64,6 @@ class GroundModel:
         depth of a canopy whose water is known is that which a radar sees in its course through the year.
     heating : float
         Share of the sun's heating of bare ground that this cover shows.
-    note : str
-        Status and source.
     """
 
     ground: str
@@ -75,7 +73,6 @@ class GroundModel:
     omega: float
     tau_exponent: float
     heating: float
-    note: str
 
     def reflectivity(
         self, frequency_ghz: float, polarization: str, moisture: FloatArray, canopy: float = 1.0
@@ -109,10 +106,8 @@ class EmissivityLookup:
     Attributes
     ----------
     categories : tuple of str
-    theta_deg : float64 array (91,)
-        Look angles from the normal, 0 to 90 [deg].
     emissivity : float64 array (n_categories, n_moistures, 91)
-        On `MOISTURE_NODES`, or with one node only if nothing here depends on moisture [1].
+        On `MOISTURE_NODES`, or with one node only if nothing here depends on moisture, and at `THETA_DEG` [1].
     moist : bool array (n_categories,)
         Whether the category depends on soil moisture.
     heating : float64 array (n_categories,)
@@ -128,7 +123,6 @@ class EmissivityLookup:
     """
 
     categories: tuple[str, ...]
-    theta_deg: FloatArray
     emissivity: FloatArray
     moist: BoolArray
     heating: FloatArray
@@ -232,7 +226,6 @@ class EmissivityTable:
             spread[:, 0] *= [self.world.field_factor(name) for name in names]
         return EmissivityLookup(
             categories=names,
-            theta_deg=THETA_DEG,
             emissivity=np.array(value),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
             heating=np.array([self._heating(name) for name in names]),
@@ -353,7 +346,6 @@ def _shipped_table() -> EmissivityTable:
             float(row.text("omega")),
             float(row.text("tau_exponent")),
             float(row.text("heating")),
-            f"{row.text('status')}: {row.text('source')}, rms {row.text('rms_of_fit')}",
         )
         for row in shipped_rows("emissivity_models.csv")
     }

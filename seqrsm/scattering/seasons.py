@@ -56,16 +56,15 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     """Curve of one row of seasons.csv."""
     model = row.text("model")
     note = f"{row.text('season')}: {row.text('note')} ({row.text('status')}: {row.text('source')})"
+    frequencies, wind = own.frequency_ghz, own.wind_m_s
     if model == "unchanged":
-        status = own.status
-        value, frequencies, wind = own.value_db, own.frequency_ghz, own.wind_m_s
+        status, value = own.status, own.value_db
     elif model == "ice":
-        frequencies, wind = own.frequency_ghz, np.zeros(1)
+        wind = np.zeros(1)
         ice = [backscatter_oh92(_ICE, wavenumber_rad_m(float(f)) * _ICE_RMS_M, _THETA) for f in frequencies]
         value = np.maximum(linear_to_db(np.array(ice)), FLOOR_DB)[np.newaxis]
         status = (("assumed",) * 3,) * len(frequencies)
     else:
-        frequencies, wind = own.frequency_ghz, own.wind_m_s
         offset = np.array([[float(row.text(f"offset_{p.lower()}_db"))] for p in POLARIZATIONS])
         ground = at_nodes(soil, frequencies)
         if model == "frozen_mix":
@@ -81,7 +80,6 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     return replace(
         own,
         season=row.text("season"),
-        frequency_ghz=frequencies,
         wind_m_s=wind,
         value_db=limit_db(value, surface=surface, water=own.water and model != "ice"),
         surface=surface,

@@ -29,8 +29,6 @@ from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_m
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
-DEFAULT_WIND_M_S: Final = 5.0
-DEFAULT_SOIL_MOISTURE: Final = 0.2
 
 INTERPOLATION_SD_DB: Final = 1.2
 """Error of sigma0 interpolated between node frequencies [dB rms], from predicting S band by L and C (60 cases)."""
@@ -38,7 +36,6 @@ INTERPOLATION_SD_DB: Final = 1.2
 _EXTRAPOLATION_SD_DB: Final = 2.4  # assumed: twice the interpolation's
 _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
-_MOISTURE_RANGE: Final = (0.0, 0.6)
 _OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
 _UNKNOWN_SD_DB: Final = 2.0
 _SOIL, _LEVEL_DEG = "Bareground", 40
@@ -142,8 +139,8 @@ class Sigma0Table:
         polarization: str,
         *,
         season: str = DEFAULT_SEASON,
-        wind_m_s: float = DEFAULT_WIND_M_S,
-        soil_moisture: float = DEFAULT_SOIL_MOISTURE,
+        wind_m_s: float = 5.0,
+        soil_moisture: float = 0.2,
         snow: Snow = "none",
         snow_depth_cm: float = 15.0,
         day: float | None = None,
@@ -174,7 +171,7 @@ class Sigma0Table:
         Raises
         ------
         ScatteringDataError
-            Unknown category, season, polarization, or a frequency, wind or moisture out of range: all at once.
+            Unknown category, season, polarization, or a frequency or wind out of range: all at once.
         """
         channel = "HV" if polarization == "VH" else polarization
         if channel not in POLARIZATIONS:
@@ -368,9 +365,6 @@ def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArr
 def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     """Change (3, 91) [dB] that soil moisture makes."""
     mv, reference = state.soil_moisture, curve.reference_moisture
-    if not _MOISTURE_RANGE[0] <= mv <= _MOISTURE_RANGE[1]:
-        message = f"soil moisture lies between {_MOISTURE_RANGE[0]:g} and {_MOISTURE_RANGE[1]:g} m3/m3"
-        raise ScatteringDataError(message, "", field="soil_moisture", value=mv)
     low, high = _OH04_MOISTURE_RANGE
     held = "" if low <= mv <= high else f", held at {low if mv < low else high:g}"
     notes.append(f"soil moisture {mv:.3g} m3/m3 against {reference:g} by Oh 2004{held} (rms height assumed)")

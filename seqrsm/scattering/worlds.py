@@ -94,7 +94,8 @@ class World:
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        return _field_factor(self.seed, self.number, category)
+        draw = generator(self.seed, self.number, f"world fields {category}").normal()
+        return float(np.exp(_FIELD_LOG_SD * draw))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,11 +150,6 @@ def _season(
         _of_channel(_shared(seed, number, category, kin, frequency_ghz, harmonic), channel) for harmonic in harmonics
     ]
     return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
-
-
-@lru_cache(maxsize=256)  # of several channels
-def _field_factor(seed: int, number: int, category: str) -> float:
-    return float(np.exp(_FIELD_LOG_SD * generator(seed, number, f"world fields {category}").normal()))
 
 
 def _of_channel(deviate: FloatArray, channel: str) -> FloatArray:

@@ -116,20 +116,3 @@ def time_exposure(
     hours = [hour] if steps == 0 else [hour - exposure_hours * (k + 0.5) / steps for k in range(steps)]
     total = sum(sun_exposure(elevation_m, cell_m, sun_position(latitude_deg, day_of_year, h)) for h in hours)
     return np.asarray(total) / len(hours)
-
-
-def physical_temperature_k(
-    exposure: AnyArray, heating: AnyArray | float, low_k: float = 300.0, high_k: float = 340.0
-) -> FloatArray:
-    """Temperature low + heating x exposure x (high - low) [K].
-
-    Parameters
-    ----------
-    exposure : float array (rows, cols)
-        0 to 1.
-    heating : float array, broadcastable
-        Share of the heating of bare ground that the cover shows, 0 to 1; 1 everywhere in the report.
-    low_k, high_k : float
-        Of ground without sun, and of bare ground square to the sun [K].
-    """
-    return np.asarray(low_k + np.asarray(heating) * np.asarray(exposure) * (high_k - low_k))

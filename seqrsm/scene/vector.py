@@ -14,8 +14,6 @@ from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 
 _GEOJSON: Final = (".geojson", ".json")
-VECTORS: Final = (*_GEOJSON, ".gpkg", ".shp", ".fgb")
-"""How the name of a vector layer ends."""
 
 _MOST_TOLD: Final = 10
 _WIDEST_DEGREES: Final = 360.0
@@ -24,7 +22,7 @@ _LARGEST: Final = 2**53
 
 def is_vector(path: str | Path) -> bool:
     """Whether a file is a vector layer, by the end of its name."""
-    return Path(path).suffix.lower() in VECTORS
+    return Path(path).suffix.lower() in (*_GEOJSON, ".gpkg", ".shp", ".fgb")
 
 
 def burn_layer(

@@ -344,11 +344,8 @@ class RadarConfiguration:
         The look angle [rad] tells the antenna's gain; on a plane it is the incidence angle.
         """
         area = self.ground_resolution_m(incidence_rad) * self.azimuth_resolution_m(slant_range_m)
-        power = self.radar_constant_w_m2() * area
-        if self.elevation_pattern != "isotropic" or self.zenith_loss_db:
-            two_way = self.elevation_gain(look_rad) ** 2
-            power = power * (two_way * self.atmosphere(incidence_rad))
-        return np.asarray(power / np.square(np.square(slant_range_m)))
+        two_way = self.elevation_gain(look_rad) ** 2 * self.atmosphere(incidence_rad)
+        return np.asarray(self.radar_constant_w_m2() * area * two_way / np.square(np.square(slant_range_m)))
 
     def radar_constant_w_m2(self) -> float:
         """P_T G**2 lambda**2 L_T L_R / (4 pi)**3 [W m2]: eq. (3-20) without sigma0 A / R**4."""

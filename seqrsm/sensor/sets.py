@@ -110,14 +110,9 @@ class Member:
 
 def frequency_of(name: str, members: Mapping[str, Values]) -> float | None:
     """Frequency [GHz] of a member by its table, band letter or number; None: no such member."""
-    return _ghz(members.get(name, {}).get("frequency", name))
-
-
-def _ghz(written: float | str) -> float | None:
-    if isinstance(written, str) and written in BANDS:
-        return BANDS[written]
+    written = members.get(name, {}).get("frequency", name)
     try:
-        return float(written)
+        return BANDS.get(str(written)) or float(written)
     except (TypeError, ValueError):
         return None
 

@@ -99,9 +99,7 @@ def half_lasting(
     return math.sqrt(0.5) * (own + kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
 
 
-def smooth_departure(
-    visit: Visit, purpose: str, places_m: FloatArray, length_m: float, *, seed: int, run_id: int
-) -> FloatArray:
+def regional_moisture(visit: Visit, places_m: FloatArray, length_m: float, *, seed: int, run_id: int) -> FloatArray:
     """Standard departure (n,) of places that near ones have in common; half of it all dates share, as `half_lasting`.
 
     White noise under a Gaussian window on a grid of a quarter of the length.
@@ -109,8 +107,6 @@ def smooth_departure(
     Parameters
     ----------
     visit : Visit
-    purpose : str
-        Key of the draws.
     places_m : float64 array (2, n)
         [m], 0 at least.
     length_m : float
@@ -120,7 +116,7 @@ def smooth_departure(
     step = 0.25 * length_m
     # Twice the window's reach beyond the places, where the grid's ends meet.
     shape = tuple(math.ceil(float(side.max()) / step) + 16 for side in places_m)
-    noise = half_lasting(visit, purpose, shape, 1.0, seed=seed, run_id=run_id)
+    noise = half_lasting(visit, "regional moisture", shape, _ANY_GHZ, seed=seed, run_id=run_id)
     window = scipy.ndimage.gaussian_filter(np.eye(1, 33 * 33, 16 * 33 + 16).reshape(33, 33), 2.0)
     smooth = scipy.ndimage.gaussian_filter(noise, 2.0, mode="wrap") / math.sqrt(float(np.square(window).sum()))
     return np.asarray(scipy.ndimage.map_coordinates(smooth, places_m / step, order=1))
@@ -180,8 +176,7 @@ def field_moisture(
     if level is None:
         level = np.full(scene.n_fields, mean)
         if sensor.soil_moisture_region_sd > 0.0:
-            length = sensor.soil_moisture_region_m
-            common = smooth_departure(visit, "regional moisture", centres_of_fields(scene), length, **key)
+            common = regional_moisture(visit, centres_of_fields(scene), sensor.soil_moisture_region_m, **key)
             level = level + sensor.soil_moisture_region_sd * common
     own = half_lasting(visit, "field moisture", (scene.n_fields,), _ANY_GHZ, **key)
     return np.asarray(np.clip(level + sensor.soil_moisture_field_sd * own, *limits))

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from math import inf, isfinite
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 from seqrsm.design.constraints import Constraint, arithmetic
 from seqrsm.design.factors import CategoricalFactor, Factor, span
@@ -15,18 +15,21 @@ from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.spec.faults import Reporter
 from seqrsm.spec.sensors import RESERVED
-from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec
+from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path
 
+_T = TypeVar("_T", bound=Table, covariant=True)
+Tables: TypeAlias = Sequence[tuple[int, _T]]
+"""Repeated tables that are right in themselves, each with its place in the file."""
 
-def different_names(kind: str, report: Reporter) -> None:
-    """Every table of a kind has a name of its own."""
-    seen: set[str] = set()
+
+def different_names(report: Reporter) -> None:
+    """Every factor, application and consideration has a name of its own."""
+    seen: set[tuple[object, str]] = set()
     for path, name in report.names.items():
-        if path[0] == kind and name in seen:
-            report.add((*path, "name"), f"two tables [[{kind}]] have this name", "Rename one.", name)
-        elif path[0] == kind:
-            seen.add(name)
+        if path[0] in ("factor", "application", "consideration") and (path[0], name) in seen:
+            report.add((*path, "name"), f"two tables [[{path[0]}]] have this name", "Rename one.", name)
+        seen.add((path[0], name))
 
 
 def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Constraint | None]:
@@ -44,10 +47,10 @@ def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Con
     return made
 
 
-def desirabilities(kind: str, tables: Sequence[ApplicationSpec | ConsiderationSpec | None], report: Reporter) -> None:
+def desirabilities(kind: str, tables: Tables[ApplicationSpec | ConsiderationSpec], report: Reporter) -> None:
     """``unacceptable`` lies on the bad side of ``ideal``."""
-    for index, table in enumerate(tables):
-        if table is None or table.unacceptable is None or table.ideal is None:
+    for index, table in tables:
+        if table.unacceptable is None or table.ideal is None:
             continue
         rises = table.ideal > table.unacceptable
         if table.ideal == table.unacceptable or rises != (table.goal == "maximize"):
@@ -57,12 +60,7 @@ def desirabilities(kind: str, tables: Sequence[ApplicationSpec | ConsiderationSp
 
 
 def model(
-    table: ModelSpec,
-    applications: Sequence[ApplicationSpec | None],
-    names: Sequence[str],
-    *,
-    simulated: bool,
-    report: Reporter,
+    table: ModelSpec, applications: Tables[ApplicationSpec], names: Sequence[str], *, simulated: bool, report: Reporter
 ) -> None:
     """Keys of ``[model]`` that exclude each other, the factors' ``names``, or what the scores will be."""
     errors = ERROR_MODELS[table.errors]
@@ -75,7 +73,7 @@ def model(
         if by_counts and simulated:
             remedy = f'Use {key} = "{plain}": a simulated score is no count of independent decisions.'
             report.add(place, "simulated scores come without counts", remedy, value)
-        elif by_counts and any(one is not None and not one.is_percent for one in applications):
+        elif by_counts and any(not one.is_percent for _, one in applications):
             remedy = f'Set utility = "percent_correct", or {key} = "{plain}".'
             report.add(place, f"{what} are for percentages of correct decisions", remedy, value)
     if errors.response and table.response != errors.response:
@@ -97,11 +95,11 @@ def model(
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
 
 
-def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | None, report: Reporter) -> None:
+def catalogued(applications: Tables[ApplicationSpec], engine: str | None, report: Reporter) -> None:
     """Words that an application names of the catalogue are in it, for the engine's kind of sensor."""
     kind, system = {"psm": ("radar ", "active"), "prm": ("radiometer ", "passive")}.get(engine or "", ("", None))
-    for index, application in enumerate(applications):
-        if application is None or not application.catalog:
+    for index, application in applications:
+        if not application.catalog:
             continue
         from seqrsm.catalog.search import search  # reads tables that few campaigns need here
 
@@ -111,11 +109,9 @@ def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | Non
             report.add(("application", index, "catalog"), message, remedy, application.catalog)
 
 
-def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
+def goals(applications: Tables[ApplicationSpec], report: Reporter) -> None:
     """An error is made small, and a utility that has a unit keeps it."""
-    for index, application in enumerate(applications):
-        if application is None:
-            continue
+    for index, application in applications:
         path: Path = ("application", index)
         if application.is_error and application.goal == "maximize":
             report.add((*path, "goal"), "the utility is an error", 'Write goal = "minimize".', application.goal)
@@ -124,10 +120,9 @@ def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> N
             report.add((*path, "unit"), text, "Remove the key.", application.unit)
 
 
-def targets(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
+def targets(applications: Tables[ApplicationSpec], report: Reporter) -> None:
     """One target half-width is for scores of one unit; of measured scores and your own functions it may be unknown."""
-    known = [(i, one) for i, one in enumerate(applications) if one is not None and one.has_known_unit]
-    shared = [(i, one) for i, one in known if one.half_width is None]
+    shared = [(i, one) for i, one in applications if one.has_known_unit and one.half_width is None]
     if len({one.score_unit for _, one in shared}) > 1:
         for index, one in shared:
             text = "scores of these applications have different units and share [stop] half_width"
@@ -135,14 +130,12 @@ def targets(applications: Sequence[ApplicationSpec | None], report: Reporter) ->
             report.add(("application", index, "half_width"), text, remedy)
 
 
-def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
+def expressions(tables: Tables[ConsiderationSpec], factors: Sequence[Factor], report: Reporter) -> None:
     """Expressions of considerations: arithmetic in numeric factors, and in the parts of levels."""
     numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]
     categorical = [factor.name for factor in factors if isinstance(factor, CategoricalFactor)]
-    for index, text in enumerate(texts):
-        if text is None:
-            continue
-        path: Path = ("consideration", index, "expr")
+    for index, table in tables:
+        text, path = table.expr, ("consideration", index, "expr")
         try:
             found = arithmetic(text)
         except RegionError as error:
@@ -197,13 +190,13 @@ def _constraint_path(problem: Problem, constraints: Sequence[Constraint]) -> Pat
 
 
 def knowledge(
-    applications: Sequence[ApplicationSpec | None], factors: Sequence[Factor], model: ModelSpec | None, report: Reporter
+    applications: Tables[ApplicationSpec], factors: Sequence[Factor], model: ModelSpec | None, report: Reporter
 ) -> None:
     """What ``[application.prior]`` says is possible."""
     numeric = {factor.name: factor for factor in factors if not isinstance(factor, CategoricalFactor)}
     known_factors = f"The numeric factors are {', '.join(numeric)}." if numeric else "There are none."
-    for index, application in enumerate(applications):
-        if application is None or application.prior is None:
+    for index, application in applications:
+        if application.prior is None:
             continue
         prior = application.prior
         path: Path = ("application", index, "prior")

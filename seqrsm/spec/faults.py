@@ -54,11 +54,6 @@ class Reporter:
         others = f"Known here: {', '.join(names)}." if names else "Remove it."
         self.add(path, f"'{path[-1]}' is not a known key", f"Did you mean '{near[0]}'?" if near else others)
 
-    def missing_table(self, key: str, *, repeated: bool) -> None:
-        """Note that a whole table is absent."""
-        header = f"[[{key}]]" if repeated else f"[{key}]"
-        self.problems.append(Problem(f"the file has no {header}", f"Add a table {header}.", self.file, 1, f"[{key}]"))
-
     def invalid(self, path: Path, detail: Mapping[str, Any], table: type[Table]) -> None:
         """Note one error of pydantic's list, of a table of this class."""
         # pydantic adds the branch of a union ("str", "float") to the place; it is no key of the file.

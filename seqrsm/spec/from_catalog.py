@@ -25,7 +25,7 @@ from seqrsm.scene.layers import known_heights
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
-from seqrsm.spec.templates import new_folder, template_folder
+from seqrsm.spec.templates import new_folder, packaged
 
 SCENE_TEMPLATES = {"psm": "langegracht-radar", "prm": "crops-and-moisture"}
 """Templates whose data base a new campaign takes, by engine."""
@@ -114,7 +114,7 @@ def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | N
             shutil.copyfile(scene, part / "scene.npz")
         elif engine:
             for file in ("scene.npz", "SCENE.md"):
-                shutil.copyfile(template_folder() / SCENE_TEMPLATES[engine] / file, part / file)
+                shutil.copyfile(packaged("campaigns") / SCENE_TEMPLATES[engine] / file, part / file)
         (part / SPEC_NAME).write_text(text, encoding="utf-8")
     return wanted
 
@@ -318,10 +318,8 @@ def _target_text(wanted: Sequence[Wanted]) -> str:
 
 def _joined(found: Sequence[_Chosen]) -> _Chosen:
     """One range that holds those of several applications."""
-    first = found[0]
     comments = tuple(comment for one in found for comment in one.comments)
-    low, high = min(one.low for one in found), max(one.high for one in found)
-    return _Chosen(first.name, first.unit, first.scale, low, high, comments)
+    return replace(found[0], low=min(one.low for one in found), high=max(one.high for one in found), comments=comments)
 
 
 def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:

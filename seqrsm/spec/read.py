@@ -285,11 +285,11 @@ def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], d
             report.unknown_key((key,), known)
     for key in REQUIRED:
         if key not in raw:
-            report.missing_table(key, repeated=key in REPEATED)
+            header = f"[[{key}]]" if key in REPEATED else f"[{key}]"
+            report.add((key,), f"the file has no {header}", f"Add a table {header}.")
     single = {}
     for key, model in SINGLE.items():
-        optional = key not in REQUIRED and key != "simulator"
-        if key in raw or optional:
+        if key in raw or key not in (*REQUIRED, "simulator"):
             single[key] = _validated(model, raw.get(key, {}), (key,), report)
     repeated: dict[str, list[Any]] = {}
     for key, model in REPEATED.items():
@@ -335,13 +335,13 @@ def _checked(
     report: Reporter,
 ) -> Region | None:
     """The region, and a report of everything in which tables do not fit each other."""
-    applications, considerations = repeated["application"], repeated["consideration"]
+    right = {k: [(i, table) for i, table in enumerate(own) if table is not None] for k, own in repeated.items()}
+    applications, considerations = right["application"], right["consideration"]
     sensors = spec_sensors.sensors(raw.get("simulator"))
     written = raw["factor"] if isinstance(raw.get("factor"), list) else []
     factors = spec_sensors.factors([t and t.model_dump() for t in repeated["factor"]], written, sensors, report)
     constraints = spec_checks.constraints([t and t.expr for t in repeated["constraint"]], report)
-    for kind in ("factor", "application", "consideration"):
-        spec_checks.different_names(kind, report)
+    spec_checks.different_names(report)
     names = [name for path, name in report.names.items() if path[0] == "factor"]
     if isinstance(raw.get("simulator"), dict):
         spec_checks.simulator(folder, raw["simulator"], names, report)
@@ -353,11 +353,11 @@ def _checked(
     spec_checks.desirabilities("consideration", considerations, report)
     known = [factor for factor in factors if factor is not None]
     if len(known) == len(factors):
-        spec_checks.expressions([t and t.expr for t in considerations], known, report)
+        spec_checks.expressions(considerations, known, report)
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)
-    spec_sensors.candidates(repeated["candidate"], sensors, names, report)
+    spec_sensors.candidates(right["candidate"], sensors, names, report)
     return spec_checks.region(factors, constraints, report) if factors else None
 
 

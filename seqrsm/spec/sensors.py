@@ -218,13 +218,11 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
 
 
 def candidates(
-    tables: Sequence[CandidateSpec | None], instruments: Sensors, factors: Sequence[str], report: Reporter
+    tables: Sequence[tuple[int, CandidateSpec]], instruments: Sensors, factors: Sequence[str], report: Reporter
 ) -> None:
     """Note every fault of the candidates; ``factors``: names of the campaign's."""
     names: set[str] = set()
-    for index, table in enumerate(tables):
-        if table is None:
-            continue
+    for index, table in tables:
         path = ("candidate", index)
         own = table.name or f"{table.sensor} {table.polarization}".strip()
         if own in names:

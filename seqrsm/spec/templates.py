@@ -24,15 +24,10 @@ def packaged(name: str) -> Path:
     return shipped if shipped.is_dir() else _PACKAGE.parent / name
 
 
-def template_folder() -> Path:
-    """Folder of the templates."""
-    return packaged("campaigns")
-
-
 def templates() -> dict[str, str]:
     """Name and description of every template, by name."""
     found = {}
-    for path in sorted(template_folder().glob("*/campaign.toml")):
+    for path in sorted(packaged("campaigns").glob("*/campaign.toml")):
         found[path.parent.name] = str(
             tomllib.loads(path.read_text(encoding="utf-8"))["campaign"].get("description", "")
         )
@@ -50,7 +45,7 @@ def copy_template(name: str, folder: Path) -> None:
     if name not in templates():
         raise UserError("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
     with new_folder(folder) as part:
-        source = template_folder() / name
+        source = packaged("campaigns") / name
         shutil.copytree(source, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
 
 

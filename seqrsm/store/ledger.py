@@ -13,7 +13,7 @@ from seqrsm.plain import plain, shallow
 from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
-from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
+from seqrsm.store.schema import EVENTS, RUNS, SCORES, TRANSITIONS
 
 MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
@@ -194,8 +194,6 @@ def unusable(run_id: int, new: NewScore) -> Problem | None:
 
 
 def _run_row(run: NewRun) -> dict[str, Any]:
-    if run.source not in SOURCES:
-        raise StoreError("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source)
     told = {"proposed" if name == "settings" else name: value for name, value in shallow(run).items()}
     fresh = {"executed": None, "reason": "", "fault": "", "attempts": 0, "owner": "", "replaces": None}
     return {**plain(told), "cost": float(run.cost), **fresh}

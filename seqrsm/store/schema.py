@@ -17,7 +17,6 @@ TRANSITIONS: dict[str, frozenset[str]] = {
     "void": frozenset(),
 }
 STATES = tuple(TRANSITIONS)
-SOURCES = ("simulation", "flight")
 FAULTS = ("settings", "machine", "unknown")
 """Where a failure lies; only one of the settings is final."""
 

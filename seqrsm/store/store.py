@@ -59,10 +59,6 @@ def _place(location: Path | str, url: str | None) -> Path | str:
     return Path(location) / file if file else str(url)
 
 
-class _DryRunError(Exception):
-    """Leaves a write transaction without writing."""
-
-
 class Store:
     """A campaign's store, open. Use `Store.open`, best in a ``with`` statement.
 
@@ -281,14 +277,10 @@ class Store:
         StoreError
             With every row that cannot be taken in; nothing was changed.
         """
-        outcomes: tuple[IngestOutcome, ...] = ()
-        try:
-            with self._write() as ledger:
-                outcomes = ingest_files(ledger, files)
-                if dry_run:
-                    raise _DryRunError
-        except _DryRunError:
-            pass
+        with self._write() as ledger:
+            outcomes = ingest_files(ledger, files)
+            if dry_run:
+                ledger.connection.rollback()
         return outcomes
 
     def void_ranking(self, ranking: int, why: str) -> None:
@@ -340,8 +332,6 @@ class Store:
     def runs(self, states: Iterable[str] | None = None, *, source: str | None = None) -> tuple[RunRecord, ...]:
         """Runs with their scores, by id; only those of the given states and source."""
         wanted = STATES if states is None else (states,) if isinstance(states, str) else tuple(states)
-        if unknown := set(wanted) - set(STATES):
-            raise StoreError("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown))
         with self._read() as ledger:
             event, runs = ledger.last_event(), self._known[1]
             if self._known[0] != event or any(run.state == "running" for run in runs):  # a heartbeat is no event

@@ -18,6 +18,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
+from seqrsm.design.evaluate import evaluate_design
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
@@ -54,7 +55,8 @@ def search(k: int, levels: str, n: int, criterion: str, seed: int) -> tuple[floa
     began = time.process_time()
     design = optimal_design(model, region, n, criterion, seed=seed)
     seconds = time.process_time() - began
-    return design.value if criterion == "D" else n * design.value, seconds, design.hits, design.starts
+    report = evaluate_design(model, region, design.points)
+    return report.d_value if criterion == "D" else report.i_value, seconds, design.hits, design.starts
 
 
 def shortfall(row: dict[str, str]) -> float:

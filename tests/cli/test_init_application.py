@@ -26,7 +26,7 @@ from seqrsm.spec.from_catalog import (
     engine_for,
 )
 from seqrsm.spec.read import load_spec
-from seqrsm.spec.templates import template_folder
+from seqrsm.spec.templates import packaged
 
 
 def made(folder, *words, code=0):
@@ -132,7 +132,7 @@ def test_two_applications_make_one_campaign_of_both(tmp_path) -> None:
 
 
 def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None:
-    wake = template_folder() / "wake-radiometer" / "scene.npz"
+    wake = packaged("campaigns") / "wake-radiometer" / "scene.npz"
     given = ["--application", "flood", "--scene", str(wake)]
     assert CliRunner().invoke(app, ["init", str(tmp_path / "own"), *given]).exit_code == 0
     assert (tmp_path / "own" / "scene.npz").read_bytes() == wake.read_bytes()

@@ -31,7 +31,7 @@ class Table:
         n = len(e)
         zero, one = np.zeros(n), np.ones(n)
         return EmissivityLookup(
-            tuple(categories), theta, e[:, None], zero.astype(bool), one, zero + self.field_sd, zero, zero, zero,
+            tuple(categories), e[:, None], zero.astype(bool), one, zero + self.field_sd, zero, zero, zero,
             ("computed",) * n, ("made",),
         )  # fmt: skip
 

@@ -56,7 +56,6 @@ def test_d_optimal_designs_come_close_to_the_best_known(row):
     assert np.max(np.abs(design.points)) <= 1.0
     assert value >= float(row["D_best"]) * (1.0 - WITHIN)
     assert value <= float(row["D_continuous"]) * (1.0 + 1e-9)
-    assert design.value == pytest.approx(value, rel=1e-10)
     assert report.d_value == pytest.approx(value, rel=1e-10)
     assert report.d_efficiency == pytest.approx(value / float(row["D_continuous"]), rel=1e-8)
 
@@ -80,7 +79,6 @@ def test_i_optimal_designs_come_close_to_the_best_known(row):
     assert value <= float(row["N_I_best"]) * (1.0 + WITHIN)
     assert value >= float(row["N_I_continuous"]) * (1.0 - 1e-9)
     assert report.i_value == pytest.approx(value, rel=1e-9)
-    assert n * design.value == pytest.approx(value, rel=1e-9)
     assert report.i_efficiency == pytest.approx(float(row["N_I_continuous"]) / value, rel=1e-8)
 
 
@@ -88,7 +86,7 @@ def test_i_optimal_designs_come_close_to_the_best_known(row):
 def test_more_factors_come_close_in_a_short_search(k):
     row = next(r for r in NUMERIC if int(r["k"]) == k)
     design = optimal_design(*build(k), int(row["N"]), "D", seed=3, starts=100)
-    assert design.value >= 0.98 * float(row["D_best"])
+    assert evaluate_design(*build(k), design.points).d_value >= 0.98 * float(row["D_best"])
 
 
 @pytest.mark.parametrize(
@@ -100,8 +98,9 @@ def test_more_factors_come_close_in_a_short_search(k):
     ],
 )
 def test_designs_with_a_category_come_close_to_the_best_known(row):
-    design = optimal_design(*build(int(row["k"]), int(row["categorical_levels"])), int(row["N"]), seed=1, starts=100)
-    assert design.value >= float(row["D_best"]) * (1.0 - WITHIN)
+    built = build(int(row["k"]), int(row["categorical_levels"]))
+    design = optimal_design(*built, int(row["N"]), seed=1, starts=100)
+    assert evaluate_design(*built, design.points).d_value >= float(row["D_best"]) * (1.0 - WITHIN)
 
 
 def base_points(case) -> np.ndarray:

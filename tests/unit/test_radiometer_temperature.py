@@ -1,4 +1,4 @@
-"""Sun, shadow and temperature against closed forms; 300 to 340 K only where the sun allows."""
+"""Sun, shadow and exposure against closed forms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import fractal_terrain
 
-from seqrsm.scene.temperature import Sun, cast_shadow, physical_temperature_k, sun_exposure, sun_position, time_exposure
+from seqrsm.scene.temperature import Sun, cast_shadow, sun_exposure, sun_position, time_exposure
 
 
 def test_sun_at_known_places_and_times():
@@ -70,20 +70,17 @@ def test_only_ground_square_to_the_sun_reaches_the_highest_temperature(azimuth, 
     z = slope * (east * column - north * row)
     exposure = sun_exposure(z, 10.0, Sun(elevation, azimuth))
     np.testing.assert_allclose(exposure, 1.0, atol=1e-12)
-    np.testing.assert_allclose(physical_temperature_k(exposure, 1.0), 340.0)
     np.testing.assert_allclose(sun_exposure(-z, 10.0, Sun(30.0, azimuth)).max(), 0.0, atol=0.1)
 
 
-def test_temperature_stays_between_300_and_340_k():
+def test_exposure_stays_between_0_in_shadow_and_1():
     z = fractal_terrain(80, 90, relief_m=200.0, seed=2)
     for hour in (5.0, 9.0, 12.0, 17.0):
         sun = sun_position(35.0, 172.0, hour)
-        t = physical_temperature_k(sun_exposure(z, 10.0, sun), 1.0)
-        assert t.min() >= 300.0
-        assert t.max() <= 340.0
-        shadow = cast_shadow(z, 10.0, sun)
-        assert (t[shadow] == 300.0).all()
-    assert physical_temperature_k(np.array([1.0]), 0.05)[0] == pytest.approx(302.0)
+        exposure = sun_exposure(z, 10.0, sun)
+        assert exposure.min() >= 0.0
+        assert exposure.max() <= 1.0
+        assert (exposure[cast_shadow(z, 10.0, sun)] == 0.0).all()
 
 
 def test_exposure_of_time_is_the_mean_over_the_hours_before():

@@ -151,8 +151,6 @@ def test_errors_name_what_is_missing() -> None:
         TABLE.lookup(["Wheat"], 3.0, "HH", season="monsoon")
     with pytest.raises(ScatteringDataError, match=r"winds of 2 to 10 m/s.*12"):
         TABLE.lookup(["Water"], 3.0, "HH", wind_m_s=12.0)
-    with pytest.raises(ScatteringDataError, match="soil moisture lies between"):
-        TABLE.lookup(["Bareground"], 3.0, "HH", soil_moisture=20.0)
     with pytest.raises(ScatteringDataError, match=r"no such polarization.*HH, HV, VV"):
         TABLE.lookup(["Wheat"], 3.0, "RR")
     with pytest.raises(ScatteringDataError) as caught:

@@ -36,7 +36,7 @@ from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
-from seqrsm.simulate.visits import Visit, smooth_departure
+from seqrsm.simulate.visits import Visit, regional_moisture
 
 SIDE = 160
 FIELD = np.kron(np.arange(400).reshape(20, 20), np.ones((8, 8), dtype=int))
@@ -172,7 +172,7 @@ def test_squares_and_footprints_tell_of_each_other_by_what_they_share() -> None:
 def test_fields_near_each_other_are_as_wet() -> None:
     """Correlation of 1/e at the stated length, standard deviation of 1: over 300 draws."""
     places = np.array([[500.0, 500.0, 500.0], [500.0, 1500.0, 4500.0]])
-    drawn = np.array([smooth_departure(Visit(), "x", places, 1000.0, seed=1, run_id=k) for k in range(600)])
+    drawn = np.array([regional_moisture(Visit(), places, 1000.0, seed=1, run_id=k) for k in range(600)])
     assert drawn.std(axis=0) == pytest.approx(1.0, abs=0.08)
     correlation = np.corrcoef(drawn.T)
     assert correlation[0, 1] == pytest.approx(np.exp(-1.0), abs=0.09)

@@ -13,7 +13,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.scene.temperature import physical_temperature_k, time_exposure
+from seqrsm.scene.temperature import time_exposure
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
@@ -110,9 +110,8 @@ def surface_temperature_k(
         exposure = _exposure(scene, *sun, frame.quarter_turns)
         heating = np.ones(NO_COVER + 1)
         heating[: len(lookup.heating)] = lookup.heating
-        base = physical_temperature_k(
-            exposure, np.take(heating, frame.cover), radiometer.temperature_low_k, radiometer.temperature_high_k
-        )
+        low_k, high_k = radiometer.temperature_low_k, radiometer.temperature_high_k
+        base = low_k + np.take(heating, frame.cover) * exposure * (high_k - low_k)
     departure = np.take(occasion.temperature_offset_k + occasion.field_temperature_k, frame.field)
     return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)
 
