@@ -199,7 +199,8 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         The campaign has no simulator, or one that cannot score what is asked for.
     """
     if spec.simulator is None or spec.scene_path is None:
-        raise SpecError("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
+        remedy = "Ingest measured scores, or add a [simulator] table."
+        raise SpecError("this campaign has no simulator", remedy, file=str(spec.folder / SPEC_NAME))
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:

@@ -48,6 +48,12 @@ def source_counts(runs: Iterable[RunRecord]) -> str:
     return listing([counted(count, words.get(source, f"{source} score")) for source, count in counts.items()])
 
 
+def cost_texts(costs: Mapping[str, float], unit: str) -> tuple[str, str]:
+    """Return what scored runs cost, and what is not in it: ``", without 12.5 kEUR of voided runs"`` or ``""``."""
+    spent, voided = (with_unit(format_plain(float(f"{costs[key]:.6g}")), unit) for key in ("cost_spent", "cost_voided"))
+    return spent, f", without {voided} of voided runs" if costs["cost_voided"] else ""
+
+
 def readable(name: str) -> str:
     """Return a factor's name without underscores; of a sensor parameter, without the suffix that tells its unit."""
     parameter = RADAR.get(name) or RADIOMETER.get(name)

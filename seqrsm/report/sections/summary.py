@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.status import costs
 from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
@@ -19,6 +20,7 @@ from seqrsm.report.wording import (
     at_bound_text,
     axis_label,
     capital,
+    cost_texts,
     ground_sentence,
     interval_text,
     level_phrase,
@@ -289,7 +291,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     if edges := [edge for edge in best.at_bound if _can_widen(spec, best.settings, edge)]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
-        yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
+        first = " (raise [stop] max_runs first)" if decision.budget_spent else ""
+        yield f"Fly{first}, or measure the ground: table uncertainty makes up most of the half-width."
 
 
 def _reasons(analysis: Analysis) -> Iterator[str]:
@@ -334,8 +337,8 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
         return ()
     text, cost = f"{capital(source_counts(scored))}.", spec.cost
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
-        spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
+        spent, without = cost_texts(costs(runs), cost.unit)
         sources = sorted({run.source for run in scored}, reverse=True)
         each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
-        text += f" They cost {spent} ({each})."
+        text += f" They cost {spent} ({each}){without}."
     return (Paragraph(text),)
