@@ -13,7 +13,7 @@ from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
-from seqrsm.report.rounding import format_p, format_percent, format_plain, format_share, format_significant
+from seqrsm.report.rounding import NOTHING, format_p, format_percent, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
@@ -33,13 +33,17 @@ from seqrsm.report.wording import (
     readable_text,
     rounded_settings,
     score_text,
+    setting_phrases,
     setting_range_text,
+    setting_spreads,
     source_counts,
+    told_settings,
     watched_interval,
     with_unit,
 )
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.sensors import without_effect
 from seqrsm.store.records import RunRecord
 
 _TIES = 3
@@ -143,8 +147,8 @@ def _flat(analysis: Analysis) -> list[str]:
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    factors = (factor for factor in analysis.region.factors if _takes_part(factor.name, analysis.optimum.settings))
-    settings = listing([f"{readable(factor.name)} {optimum_setting_text(analysis, factor)}" for factor in factors])
+    told = told_settings(analysis.region, analysis.optimum.settings, setting_spreads(analysis))
+    settings = listing(setting_phrases(analysis.region, told))
     what = f"the settings with the {best} estimated mean score in the region"
     if _is_a_guess(analysis):
         return (
@@ -220,9 +224,11 @@ def _settings_table(analysis: Analysis) -> Table:
     rows = (
         (
             axis_label(factor),
-            optimum_setting_text(analysis, factor, unit=False),
-            setting_range_text(analysis, factor),
-            at_bound_text(analysis, factor),
+            *(
+                (setting, setting_range_text(analysis, factor), at_bound_text(analysis, factor))
+                if (setting := optimum_setting_text(analysis, factor, unit=False)) != NOTHING
+                else (NOTHING, NOTHING, NOTHING)
+            ),
         )
         for factor in analysis.region.factors
     )
@@ -250,18 +256,12 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
-def _takes_part(name: str, settings: Mapping[str, float | str]) -> bool:
-    """Whether a factor is of no member of a set of sensors alone, or of one that is in the set."""
-    member, dot, _ = name.partition(".")
-    return not dot or member in str(settings.get("frequency", member)).split("+")
-
-
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
     """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
     name = edge.rpartition(" (")[0]
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
     if parameter is None or edge.startswith("constraint "):
-        return edge.startswith("constraint ") or _takes_part(name, settings)
+        return edge.startswith("constraint ") or name not in without_effect(spec.factors, settings)
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
