@@ -428,8 +428,9 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
             made = task.acquisitions
             for day in {one.visit.day for one in made} if of_one_kind else ():
                 refuse_combination([one.sensor for one in made if one.visit.day == day])
-            for note in sensor_notes(task, scene):
-                met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
+            # One of each kind, of which several sensors of a set may have their own.
+            for kind, note in {note.partition(":")[0]: note for note in sensor_notes(task, scene)}.items():
+                met.setdefault(kind, []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
                 found.setdefault(_NUMBERS.sub("0", str(problem)), []).append((problem, shown))
