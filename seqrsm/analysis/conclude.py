@@ -30,6 +30,7 @@ from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
@@ -124,7 +125,7 @@ def analyse(
         known_map=known_map,
         warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
         notes=tuple(
-            _notes(spec, application, fitted)
+            _notes(spec, application, fitted, best)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
         steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
@@ -323,10 +324,11 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted) -> list[str]:
+def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
     """How the result was found: nothing that casts doubt on it."""
     data, surface = fitted.data, fitted.surface
-    found = []
+    idle = without_effect(spec.factors, fitted.region.decode(best.point)[0])
+    found = [f"Of no effect, as its sensor is not in the set: {', '.join(idle)}."] if idle else []
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")

@@ -48,6 +48,7 @@ REFUSAL_LEVEL = 0.99
 
 _ROOM = 1.2
 """By how much a target may be above the median half-width that the budget gives."""
+_RUN_SD = "s.d. of a run"  # unit of half-widths where nothing is known yet of the scatter
 _TOLD_SHARE = 0.05  # of the variance: less is not why a target is out of reach
 
 
@@ -81,7 +82,7 @@ class CheckResult:
     surfaces : str
         From what surfaces ``plans`` and ``over`` were found.
     target, unit : float, str
-        ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit, then "s".
+        ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit.
     refused : str
         Why the target cannot be reached, and what could; empty if it may.
     hardware : tuple of str
@@ -149,7 +150,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     unit = application.score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
-    problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
+    problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, model.p, unit)
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
         problem += _by_flights(rule, noise)
@@ -162,10 +163,9 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     except SpecError as error:
         start, refused = plans[0].asked, error.problems[0].message + "."
     in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
-    target = rule.half_width if in_units else float("nan")
+    target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
     if refused or problem:
-        out = way_out(plans, over, target, unit if in_units else "s")
-        out += "" if in_units else " (s: the standard deviation of a run.)"
+        out = way_out(plans, over, target, unit)
         refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
     return CheckResult(
         name=spec.name,
@@ -189,7 +189,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         over=over,
         surfaces=surfaces.source,
         target=target,
-        unit=unit if in_units else "s",
+        unit=unit,
         refused=refused,
     )
 

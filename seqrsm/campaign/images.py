@@ -144,8 +144,8 @@ def simulated(
 ) -> Simulated:
     """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec
-    settings = _settings(campaign, assignments)
-    task = task_of(spec, run_id, settings)
+    task = task_of(spec, run_id, {})  # the simulator before any setting
+    task = replace(task, settings=_settings(campaign, assignments))
     try:
         made = task.acquisitions
         if not 1 <= number <= len(made):
@@ -219,7 +219,7 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
             remedy = f"Give {allowed} {factor.unit}".rstrip()
             field = f"--set {factor.name}"
             problems.append(Problem("outside the campaign's region", remedy, field=field, value=settings[factor.name]))
-    shown = ", ".join(f"{name} = {value}" for name, value in region.decode(point)[0].items())
+    shown = settings_text(region.factors, region.decode(point)[0])
     for constraint in region.constraints if not problems else ():
         if constraint.slack(region.decode(point)[0])[0] < 0.0:
             text = f"{shown} breaks the constraint {constraint.expr}"

@@ -199,7 +199,8 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         The campaign has no simulator, or one that cannot score what is asked for.
     """
     if spec.simulator is None or spec.scene_path is None:
-        raise SpecError("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
+        remedy = "Ingest measured scores, or add a [simulator] table."
+        raise SpecError("this campaign has no simulator", remedy, file=str(spec.folder / SPEC_NAME))
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
@@ -427,8 +428,9 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
             made = task.acquisitions
             for day in {one.visit.day for one in made} if of_one_kind else ():
                 refuse_combination([one.sensor for one in made if one.visit.day == day])
-            for note in sensor_notes(task, scene):
-                met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
+            # One of each kind, of which several sensors of a set may have their own.
+            for kind, note in {note.partition(":")[0]: note for note in sensor_notes(task, scene)}.items():
+                met.setdefault(kind, []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
                 found.setdefault(_NUMBERS.sub("0", str(problem)), []).append((problem, shown))

@@ -54,7 +54,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "interval": spec.stop.interval,
         "level": spec.stop.level,
         "units": {factor.name: factor.unit for factor in spec.factors},
-        "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
+        **costs(runs),
         "simulated_by": simulated_by(runs),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
@@ -65,6 +65,19 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     if history:
         result["history"] = [asdict(event) for event in events]
     return result
+
+
+def costs(runs: Sequence[RunRecord]) -> dict[str, float]:
+    """Cost of scored runs, and of voided ones that had scores: flown in vain, or a slip that was never flown.
+
+    Not of those whose place a corrected run took.
+    """
+    replaced = {run.replaces for run in runs}
+    voided = (run for run in runs if run.state == "void" and run.scores and run.run_id not in replaced)
+    return {
+        "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
+        "cost_voided": sum(run.cost for run in voided),
+    }
 
 
 def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:

@@ -274,6 +274,7 @@ def propose(
     as_json: AsJson = False,
 ) -> None:
     """Propose and issue the next runs."""
+    from seqrsm.cli.notebook import why_not
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = _opened(folder)
@@ -283,8 +284,8 @@ def propose(
     with display("choosing the next runs"):
         runs = campaign.issue(n, source=source, csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
-    if n is not None and len(runs) > n:
-        say(f"{len(runs)} runs instead of {n}: an initial design and confirmation runs are issued as a whole")
+    if why := why_not(n, runs):
+        say(why)
 
 
 @app.command()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from seqrsm.cli.console import ascii_signs, heading, line, stdout
+from seqrsm.cli.console import ascii_signs, heading, line, show_table, stdout
 from seqrsm.errors import UserError
 from seqrsm.spec.templates import packaged
 
 _GUIDES = ("campaigns", "reports", "seqrsm")
 _HEADING = re.compile(r"^(#{1,3}) (.+)$")
-_HIDDEN = re.compile(r"^<!-- .* -->\n", re.M)
+_HIDDEN = re.compile(r"^(<!-- .* -->|!\[.*\]\(.*\))\n", re.M)  # a picture is none on a terminal
+_LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +43,14 @@ def _split(text: str) -> list[Topic]:
 
 
 def show(topic: Topic) -> None:
-    """Print a topic: paragraphs as wide as the terminal, tables and what is to be typed as they are."""
+    """Print a topic: paragraphs and tables as wide as the terminal, what is to be typed as it is."""
     heading(topic.title)
     for part in re.split(r"\n{2,}", topic.text):
-        lines = part.splitlines()
-        if all(one.startswith(("    ", "|", "* ", "  ")) for one in lines):
+        lines = (part if part.startswith("    ") else _LINK.sub(r"\1", part)).splitlines()
+        if part.startswith("|"):
+            head, _, *rows = ([cell.strip() for cell in one.strip("|").split("|")] for one in lines)
+            show_table(head, rows, sides=("left",))
+        elif all(one.startswith(("    ", "* ", "  ")) for one in lines):
             for one in lines:
                 stdout().print(ascii_signs(one), markup=False, highlight=False, soft_wrap=True)
         else:
@@ -62,10 +66,10 @@ def about(words: str) -> list[Topic]:
     UserError
         There is none.
     """
-    wanted, known = words.casefold(), topics()
+    wanted, known = words.replace("`", "").casefold(), topics()
     found, under = [], 9
     for one in known:
-        if wanted in one.title.casefold():
+        if wanted in one.title.replace("`", "").casefold():
             under = min(under, one.level)
         elif one.level <= under:
             under = 9

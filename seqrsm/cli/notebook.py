@@ -7,6 +7,7 @@ libraries to one thread while they run.
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 from seqrsm.errors import UserError
+from seqrsm.plain import counted
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -82,6 +84,15 @@ class Sections(Shown):
         from seqrsm.report.html import render_sections
 
         return render_sections(self.sections)
+
+
+def why_not(n: int | None, runs: Sequence[RunRecord]) -> str:
+    """Why not as many runs were issued as were asked for; "" where they were."""
+    if n is None or len(runs) == n:
+        return ""
+    whole = {"start": "the initial design is issued as a whole", "confirmation": "confirmation runs come first"}
+    why = whole.get(runs[0].purpose, "the budget, [stop] max_runs, leaves no more")
+    return f"{counted(len(runs), 'run')} instead of {n}: {why}"
 
 
 class Campaign:
@@ -225,7 +236,10 @@ class Campaign:
             The form, a row for each run (and application): ``run_id``, factors in their own units, empty ``score`` and
             ``se``, and the reason in ``note``. Fill in ``score`` and pass it to `ingest`.
         """
-        return self.form(self.issue(n, source=source))
+        runs = self.issue(n, source=source)
+        if why := why_not(n, runs):
+            warnings.warn(why, stacklevel=2)
+        return self.form(runs)
 
     def form(self, runs: Sequence[RunRecord] | None = None) -> DataFrame:
         """The form for some runs, by default for all that await a measurement."""

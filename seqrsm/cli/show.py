@@ -110,6 +110,16 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
         line(f"soil moisture: {known.min():.3f} to {known.max():.3f} m3/m3")
 
 
+_OF_DESIGN = {
+    "d_efficiency": "D-efficiency against the best continuous design",
+    "i_efficiency": "I-efficiency, likewise",
+    "d_value": "D criterion, |Z'Z|^(1/p) / N",
+    "a_value": "A criterion, N tr((Z'Z)^-1) / p",
+    "i_value": "I criterion, mean scaled prediction variance",
+    "condition_number": "condition number of the model matrix",
+}
+
+
 def show_design(result: Mapping[str, Any]) -> None:
     """A stand-alone design and its quality."""
     rows = []
@@ -119,9 +129,8 @@ def show_design(result: Mapping[str, Any]) -> None:
     show_table(["run", *result["names"]], rows)
     if result["prior_runs"]:
         line(f"together with {result['prior_runs']} prior runs:")
-    for name, value in result.items():
-        if isinstance(value, float):
-            line(f"{name}: {value:.6g}")
+    known = [[words, f"{result[name]:.4g}"] for name, words in _OF_DESIGN.items() if result[name] is not None]
+    show_table((), known, sides=("left",))
     curve = result["fraction_of_design_space"]
     if curve[0] is not None:
         shares = ", ".join(f"{curve[at]:.4g} over {at} %" for at in (50, 90, 100))

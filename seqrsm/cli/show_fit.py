@@ -23,6 +23,7 @@ from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section, term_test_table
 from seqrsm.report.sections.summary import result_section, summary_section
 from seqrsm.report.wording import (
+    cost_texts,
     ground_name,
     parts_of_width,
     readable,
@@ -102,10 +103,9 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     targets = " and ".join(dict.fromkeys(f"\u00b1 {target}" for target in target_texts(spec).values()))
-    cost = result["cost_spent"]
     rows = [
         ["runs", states],
-        ["budget", f"{result['max_runs']} runs; cost spent {with_unit(f'{cost:g}', spec.cost.unit)}"],
+        ["budget", f"{result['max_runs']} runs; cost spent {''.join(cost_texts(result, spec.cost.unit))}"],
         ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:

@@ -138,12 +138,13 @@ def start_design(
 
 
 def _check_count(model: QuadraticModel, n_runs: int, fixed: FloatArray) -> None:
-    known = model.matrix(fixed)
-    carried = int(np.linalg.matrix_rank(known.T @ known, hermitian=True))
+    Z = model.matrix(fixed)
+    carried = int(np.linalg.matrix_rank(Z.T @ Z, hermitian=True))
     if carried + n_runs < model.p:
-        text = f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs)"
+        known = f", of which runs at the centre and earlier ones estimate {carried}" if carried else ""
+        text = f"{n_runs} runs cannot estimate {model.p} terms{known}"
         remedy = f"Ask for at least {model.p - carried} runs, use order = 1, or fewer factors or levels."
-        raise DesignError(text, remedy, field="n_runs", value=n_runs)
+        raise DesignError(text, remedy, field="runs", value=n_runs)
 
 
 def _singular(model: QuadraticModel, region: Region) -> DesignError:

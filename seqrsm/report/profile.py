@@ -16,6 +16,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.figures.surfaces import predict
+from seqrsm.report.rounding import NOTHING
 from seqrsm.report.wording import axis_label, format_setting, level_phrase, optimum_setting_text, score_decimals
 
 MOST_NODES = 3000
@@ -56,13 +57,12 @@ def profile(analysis: Analysis) -> dict[str, Any]:
         {
             "label": axis_label(factor),
             # Where the page begins the digits are those of the first page.
-            "values": [
-                optimum_setting_text(analysis, factor) if i == start else _text(factor, x) for i, x in enumerate(coded)
-            ],
+            "values": [_text(factor, x) if i != start or told == NOTHING else told for i, x in enumerate(coded)],
             "x": _axis(factor, coded),
             "start": start,
         }
         for factor, coded, start in zip(region.factors, levels, starts, strict=True)
+        for told in (optimum_setting_text(analysis, factor),)
     ]
     return {
         "name": analysis.application,

@@ -18,6 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Cell, Column, heading, right
 from seqrsm.report.rounding import (
+    NOTHING,
     decimals_for,
     decimals_of_significant,
     format_number,
@@ -30,6 +31,7 @@ from seqrsm.report.rounding import (
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import StopSpec
 from seqrsm.store.records import RunRecord
 
@@ -46,6 +48,12 @@ def source_counts(runs: Iterable[RunRecord]) -> str:
         counts[run.source] += 1 if run.source == "simulation" else len(run.scores)
     words = {"simulation": "simulated run", "flight": "measured score"}
     return listing([counted(count, words.get(source, f"{source} score")) for source, count in counts.items()])
+
+
+def cost_texts(costs: Mapping[str, float], unit: str) -> tuple[str, str]:
+    """Return what scored runs cost, and what is not in it: ``", without 12.5 kEUR of voided runs"`` or ``""``."""
+    spent, voided = (with_unit(format_plain(float(f"{costs[key]:.6g}")), unit) for key in ("cost_spent", "cost_voided"))
+    return spent, f", without {voided} of voided runs" if costs["cost_voided"] else ""
 
 
 def readable(name: str) -> str:
@@ -73,7 +81,7 @@ def readable_term(name: str) -> str:
 
 def with_unit(text: str, unit: str) -> str:
     """Append a unit, if there is one, on the same line."""
-    return f"{text}\u00a0{unit}" if unit else text
+    return f"{text}\u00a0{unit}" if unit and text != NOTHING else text
 
 
 def target_texts(spec: CampaignSpec) -> dict[str, str]:
@@ -131,11 +139,12 @@ def _places(factor: NumericFactor, number: float, spread: float) -> int | None:
 
 
 def told_settings(region: Region, settings: Mapping[str, float | str], spreads: Mapping[str, float]) -> dict[str, str]:
-    """Settings by factor, without units, to the digits that their ``spreads`` support.
+    """Settings by factor, without units, to the digits that their ``spreads`` support; dashes where without effect.
 
     Where rounding would leave the region, by a constraint on several factors, they are those of a run made there.
     """
     told, rounded = {}, dict(settings)
+    idle = dict.fromkeys(without_effect(region.factors, settings), NOTHING)
     for factor in region.factors:
         value, spread = settings[factor.name], spreads.get(factor.name, math.nan)
         told[factor.name] = format_setting(factor, value, spread, unit=False)
@@ -143,8 +152,9 @@ def told_settings(region: Region, settings: Mapping[str, float | str], spreads: 
             places = _places(factor, float(value), spread)
             rounded[factor.name] = float(value) if places is None else round(float(value), places)
     if region.feasible(region.code([rounded]))[0] or not region.feasible(region.code([settings]))[0]:
-        return told
-    return {name: format_value(value) for name, value in settings_of_run(region, region.code([settings]))[0].items()}
+        return told | idle
+    made = settings_of_run(region, region.code([settings]))[0]
+    return {name: format_value(value) for name, value in made.items()} | idle
 
 
 def describe_factor(factor: Factor) -> tuple[str, str]:
@@ -317,8 +327,13 @@ def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) ->
     """Return settings in one line, the recommended ones to the digits that the report gives them."""
     best, spreads = analysis.optimum.settings, setting_spreads(analysis)
     same = {name: spread for name, spread in spreads.items() if settings[name] == best[name]}
-    told = told_settings(analysis.region, settings, same)
-    return ", ".join(f"{readable(f.name)} {with_unit(told[f.name], f.unit)}" for f in analysis.region.factors)
+    return ", ".join(setting_phrases(analysis.region, told_settings(analysis.region, settings, same)))
+
+
+def setting_phrases(region: Region, told: Mapping[str, str]) -> list[str]:
+    """Return settings of `told_settings` with name and unit, without those that have no effect."""
+    known = (factor for factor in region.factors if told[factor.name] != NOTHING)
+    return [f"{readable(factor.name)} {with_unit(told[factor.name], factor.unit)}" for factor in known]
 
 
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:

@@ -114,7 +114,11 @@ def refuse_combination(sensors: Sequence[Sensor]) -> None:
     """
     if len(sensors) > 1 and not all(isinstance(one, RadarConfiguration) for one in sensors):
         text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
-        raise SceneError(text, "Use one campaign for each.", field="utility")
+        remedy = (
+            "Let each set hold radars only, or one radiometer, and compare such sets as levels of frequency; "
+            "or give a radiometer dates of its own, by first_day in its [simulator.members]"
+        )
+        raise SceneError(text, remedy, field="utility")
 
 
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:

@@ -172,7 +172,7 @@ def _member(name: str, engine: str, settings: Values, fixed: Values, members: Ma
         given |= {key: value for key, value in values.items() if key in table}
     given |= own
     for values in (fixed, settings):
-        given |= {key.partition(".")[2]: v for key, v in values.items() if key.partition(".")[0] == name and "." in key}
+        given |= {key.rpartition(".")[2]: v for key, v in values.items() if key.rpartition(".")[:2] == (name, ".")}
     given["frequency"] = frequency_of(name, members)
     dates, given, _ = _apart(given, {})
     return Member(name, own_engine, given, {}, dates)

@@ -110,7 +110,18 @@ def _set_members(factors: Iterable[Mapping[str, Any]], fixed: Mapping[str, Any])
     levels = [f.get("levels") for f in factors if f["name"] == "frequency"]
     sets = [level for own in levels if isinstance(own, list) for level in own]
     sets += [fixed["frequency"]] if isinstance(fixed.get("frequency"), str) else []
+    return _in_sets(sets)
+
+
+def _in_sets(sets: Iterable[object]) -> set[str]:
     return {part.strip() for level in sets for part in str(level).split("+")}
+
+
+def without_effect(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> tuple[str, ...]:
+    """Names of factors of a member that levels of the factor frequency hold, but not the one in ``settings``."""
+    levels = [f.levels for f in factors if f.name == "frequency" and isinstance(f, CategoricalFactor)]
+    absent = _in_sets(level for own in levels for level in own) - _in_sets([settings.get("frequency")])
+    return tuple(f.name for f in factors if f.name.rpartition(".")[0] in absent)
 
 
 def _check_member(name: str, own: Mapping[str, Any], known: set[str], engine: str, report: Reporter) -> None:

@@ -290,6 +290,7 @@ def test_propose_simulate_void_by_hand(tiny, tmp_path) -> None:
     ok("void", tiny, 3, "--why", "wrong altitude")
     status = json.loads(ok("status", tiny, "--json"))
     assert status["runs"] == {"scored": 10, "void": 1}
+    assert (status["cost_spent"], status["cost_voided"]) == (10.0, 1.0)
     assert json.loads(ok("fit", tiny, "--json"))["n_runs"] == 10
     (more,) = json.loads(ok("propose", tiny, "-n", 1, "--json"))
     assert more["why"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -102,7 +103,8 @@ def test_random_order_keeps_the_design(tmp_path) -> None:
 
 def test_words(tmp_path) -> None:
     text = call("--factors", 2, "--runs", 8).stdout
-    assert "d_efficiency" in text
+    assert re.search(r"^D-efficiency against the best continuous design +0\.9612$", text, re.M)  # 0.961154 in JSON
+    assert "_" not in text
     assert "of the region" in text
     call("--factors", 2, "--runs", 8, "--csv", tmp_path / "no" / "d.csv", code=2)
 

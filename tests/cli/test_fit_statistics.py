@@ -654,7 +654,10 @@ def test_scores_without_scatter_give_no_intervals(tmp_path: Path) -> None:
     assert "± 0" not in CliRunner().invoke(app, ["status", str(folder)]).stdout
     check = json.loads(CliRunner().invoke(app, ["check", str(folder), "--json"]).stdout)
     assert check["noise"] is None
-    assert check["unit"] == "s"
+    assert check["unit"] == "s.d. of a run"
+    told = CliRunner().invoke(app, ["check", str(folder)]).stdout
+    assert "Half-width [s.d. of a run]" in told
+    assert "[s]" not in told  # which would be seconds
 
 
 def test_runs_may_cost_nothing(tmp_path: Path) -> None:

@@ -44,6 +44,7 @@ def measured(plan: pd.DataFrame) -> np.ndarray:
     return (mean + noise).to_numpy()
 
 
+@pytest.mark.filterwarnings("ignore:.* runs instead of 3")  # the initial design
 def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     mine = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
     theirs = tmp_path / "theirs"
@@ -77,6 +78,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert len(mine.runs()) == len(plan) + 15
 
 
+@pytest.mark.filterwarnings("ignore:.* runs instead of 3")  # the initial design
 def test_a_campaign_that_is_open_sees_that_its_file_was_edited(tmp_path: Path) -> None:
     """Its fit went by the target of before, and propose refused with 'Repeat the command', which never helped."""
     mine = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
@@ -167,8 +169,9 @@ def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> 
     c = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
     with pytest.raises(UserError, match="no simulator"):
         c.propose(source="simulation")
-    with pytest.raises(UserError, match="no simulator"):
-        c.image(looks=10)
+    for wrong in ({}, {"looks": 10}, {"looks": 1000}, {"lokos": 10}):
+        with pytest.raises(UserError, match=r"campaign\.toml: this campaign has no simulator"):
+            c.image(wrong)
     assert c.runs().empty
 
 
@@ -208,13 +211,16 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
         with pytest.raises(UserError, match="DataFrame"):
             c.ingest(table)  # type: ignore[arg-type]
     assert c.runs().empty
-    plan = c.propose(np.int64(4))
+    with pytest.warns(UserWarning, match="8 runs instead of 4: the initial design is issued as a whole"):
+        plan = c.propose(np.int64(4))
     c.ingest(plan.assign(score=plan["x"] * 2 + np.arange(len(plan)) % 3))
     assert c.fit(test="x,first order").to_json()["tests"] == c.fit(test=["x,first order"]).to_json()["tests"]
     c.void(1, "clouds")
     assert c.runs().set_index("run_id").loc[1, ["state", "reason"]].tolist() == ["void", "clouds"]
     with pytest.raises(UserError, match="no such run"):
         c.void(99, "clouds")
+    with pytest.warns(UserWarning, match=r"73 runs instead of 99: the budget, \[stop\] max_runs, leaves no more"):
+        c.propose(99)
     assert {"Campaign", "Fit"} <= set(dir(seqrsm))
 
 

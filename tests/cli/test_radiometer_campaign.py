@@ -247,11 +247,17 @@ def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
 
 def test_sensors_that_moisture_is_not_retrieved_by_together_are_refused_before_any_simulation(folder, monkeypatch):
     text = TOML.replace('low = 1.4\nhigh = 6.0\nscale = "log"', 'levels = ["L", "C", "L+C"]')
+    dates = "[simulator.members.L]\nfirst_day = 120.0\n[simulator.members.C]\nfirst_day = 121.0\n"
+    enough = text.replace("max_runs = 20", "max_runs = 30")
+    (folder / "campaign.toml").write_text(enough + dates, encoding="utf-8")
+    told = call("check", folder).output  # what the message below proposes
+    assert "idle time at 9 of 9 settings" in told
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr("seqrsm.campaign.simulation.carry_out", None)
     for command in ("check", "run"):
         output = " ".join(call(command, folder, code=2).output.split())
         assert "not by a combination" in output
+        assert "Let each set hold radars only, or one radiometer" in output
         assert "frequency = L+C" in output
 
 

@@ -292,6 +292,12 @@ def test_a_cost_is_told_in_its_unit(tmp_path: Path) -> None:
         more = ("--campaigns", "10") if command == "rehearse" else ()
         told = CliRunner().invoke(app, [command, str(folder), *more]).stdout.replace("\u00a0", " ")
         assert says in told, told
+    assert CliRunner().invoke(app, ["void", str(folder), "3", "--why", "clouds"]).exit_code == 0
+    status = CliRunner().invoke(app, ["status", str(folder)]).stdout.replace("\u00a0", " ")
+    assert "cost spent 287.5 kEUR, without 12.5 kEUR of voided runs" in " ".join(status.split())
+    fit = CliRunner().invoke(app, ["fit", str(folder)]).stdout.replace("\u00a0", " ")
+    assert "They cost 287.5 kEUR (a flight 12.5 kEUR), without 12.5 kEUR of voided runs." in " ".join(fit.split())
+    (folder / "again.csv").write_text("x,score\n0.5,61\n", encoding="utf-8")
 
 
 def test_status_tells_the_decision_of_the_report(tmp_path: Path) -> None:

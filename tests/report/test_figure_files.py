@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
@@ -38,6 +39,20 @@ def test_every_picture_has_four_files_and_a_caption(folder):
     expected = {f"{name}{suffix}" for name in names for suffix in (".svg", ".pdf", ".png", ".csv")} | {"captions.csv"}
     assert {path.name for path in folder.iterdir()} == expected
     assert all(row["what it shows"] and row["caption of its figure"] for row in table(folder / "captions.csv"))
+
+
+def test_a_map_of_covers_can_be_read_without_the_report(simulated, folder):
+    """Its table names covers, and its caption the colours of the bitmap."""
+    captions = {row["file"]: row["caption of its figure"] for row in table(folder / "captions.csv")}
+    colours = dict(re.findall(r"(#[0-9a-f]{6}): ([a-z ]+)\.", captions["ground-truth"]))
+    assert sorted(colours.values()) == sorted(simulated.scene.categories)
+    rows = [list(row.values())[1:] for row in table(folder / "ground-truth.csv")]
+    assert {name for row in rows for name in row} == {*simulated.scene.categories, ""}
+    with Image.open(folder / "ground-truth.png") as picture:
+        image = np.asarray(picture.convert("RGB"))
+    lowest = [name for name in rows[-1] if name]
+    seen = {f"#{r:02x}{g:02x}{b:02x}" for r, g, b in image.reshape(-1, 3)}
+    assert {colour for colour, name in colours.items() if name in lowest} <= seen
 
 
 def test_files_are_what_their_names_say(folder):

@@ -40,6 +40,7 @@ from seqrsm.report.blocks import (
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
+from seqrsm.report.sections.compromise import _paint_front
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.wording import number_cell
@@ -303,6 +304,21 @@ def test_a_compromise_opens_the_summary(flight):
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("apart", "width"), [(1e-9, (2.0, 2.46)), (50.0, (55.0, 55.0 * 120.0 / 63.0))])
+def test_points_of_a_front_closer_than_their_errors_are_not_drawn_apart(apart, width):
+    """Axes are as wide as the interval of what is given up, 1 to 3 percent, or as two hundredths of an exact cost."""
+    from matplotlib.figure import Figure
+
+    score = GivenUp("use", 63.0, 63.0, 2.0, 1.0, 3.0, 0.8, "percent", True, {}, "")
+    cost = GivenUp("cost", 123.0, 123.0, 0.0, np.nan, np.nan, 0.8, "kEUR", False, {}, "")
+    front = np.array([[63.0, 123.0], [63.0 + apart, 123.0 + apart * 120.0 / 63.0]])
+    found = CompromiseEstimate(np.zeros(1), {}, 0.8, 0.0, 0.95, {}, (score, cost), ({}, {}), front)
+    axes = Figure().subplots()
+    _paint_front(found, 0, 1, axes)
+    assert [np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())] == pytest.approx(width)
+    assert all(axes.get_xlim()[0] < x < axes.get_xlim()[1] for x in front[:, 0])
 
 
 def test_fresh_runs_that_contradict_the_model_are_on_the_first_page(simulated):

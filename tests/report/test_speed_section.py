@@ -55,6 +55,9 @@ def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
         ["2 x 2 cells averaged", "2"],
     ]
     assert "0.31" in text_of(section)
+    assert "finest to the coarsest sensor of the region; the table below is of others" in text_of(section)
+    alone = speed_section(replace(dossier, events=(*dossier.events, event), tradeoff=None))
+    assert "finest to the coarsest sensor of the region. The intervals" in text_of(alone)
     assert [line[0].text for line in tables[1].rows] == ["all", "2 cells"]
     assert tables[1].rows[1][1].text == "1 x 1 and 2 x 2"
 

@@ -129,6 +129,7 @@ guard = "{guard}"
     ("runs", "guard", "code", "says"),
     [
         (60, "runs", 0, "No problems found."),
+        (20, "runs", 0, "Warning: The stop rule needs at least 36 runs (3 for each of 12 terms)"),
         (11, "runs", 2, "11 runs cannot determine 12 terms"),
         (11, "confirmation", 2, "[model] order = 1"),
     ],

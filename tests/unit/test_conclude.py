@@ -212,6 +212,9 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
             for start, share in floors.items():
                 floor = replace(short, noise_floor=share * spec.stop.half_width)
                 assert next(_next_steps(spec, replace(spent, decision=floor))).startswith(start)
+        doubt = replace(found.optimum, ground=SimpleNamespace(), by_chance=Interval(0.0, 0.0))
+        for budget, says in ((found, "Fly, or measure"), (spent, "Fly (raise [stop] max_runs first), or measure")):
+            assert list(_next_steps(spec, replace(budget, optimum=doubt)))[-1].startswith(says)
         of_map = replace(spent, known_map=True)
         assert ("better than the existing map for" in recommendation(of_map)) is not held
         assert next(_next_steps(spec, of_map)).endswith("more than the existing map alone.") is not held

@@ -7,12 +7,15 @@ import pytest
 from scored_campaigns import campaign, specification
 
 from seqrsm.campaign.simulation import SimulationTask, acquisitions_of
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.errors import ConfigurationError, ScatteringDataError, SpecError
-from seqrsm.report.blocks import Paragraph
+from seqrsm.report.blocks import Paragraph, Table
 from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.wording import rounded_settings, told_settings
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.sets import BANDS, Dates, members_of
 from seqrsm.spec.read import load_spec
+from seqrsm.spec.sensors import without_effect
 
 FIXED = {"polarization": "HH+HV", "bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 45.0}
 
@@ -33,10 +36,11 @@ def test_a_single_sensor_is_what_it_was() -> None:
 def test_each_member_has_its_own_before_what_holds_for_all() -> None:
     members = {"C": {"polarization": "VV+VH", "peak_power": 90.0}}
     settings = {"frequency": "L+C+9.6", "resolution": 20.0, "C.resolution": 10.0, "peak_power": 40.0}
+    settings["9.6.resolution"] = 5.0
     low, middle, high = made(settings, members)
     assert [one.member for one in (low, middle, high)] == ["L", "C", "9.6"]
     assert [one.sensor.frequency_ghz for one in (low, middle, high)] == [BANDS["L"], BANDS["C"], 9.6]
-    assert [one.sensor.resolution_m for one in (low, middle, high)] == [20.0, 10.0, 20.0]
+    assert [one.sensor.resolution_m for one in (low, middle, high)] == [20.0, 10.0, 5.0]
     assert [one.sensor.peak_power_w for one in (low, middle, high)] == [40.0, 90.0, 40.0]
     assert middle.sensor.channels == ("VV", "VH")
     assert middle.sensor.n_transmit == 1
@@ -198,3 +202,20 @@ def test_a_setting_of_a_sensor_that_is_not_in_the_recommended_set_is_not_recomme
     assert analysis.optimum.settings["frequency"] == "L"
     assert any(text.startswith("Recommended for score: frequency L, the settings") for text in words)
     assert "widening" not in str(told)
+    (rows,) = [block.rows for block in told.blocks if isinstance(block, Table)]
+    assert [[cell.text for cell in row] for row in rows][1] == ["C.angle", "–", "–", "–"]
+    note = "Of no effect, as its sensor is not in the set: C.angle."
+    assert note in words
+    assert analysis.notes == (note,)
+    assert rounded_settings(analysis, analysis.optimum.settings) == "frequency L"
+    assert told_settings(found.spec.region, {"frequency": "C", "C.angle": 30.0}, {})["C.angle"] == "30.00"
+
+
+def test_a_dot_in_a_name_alone_makes_no_member_of_a_set() -> None:
+    """Factors of measured scores may have any name."""
+    factors = [CategoricalFactor("frequency", ("L", "L + C")), ContinuousFactor("az.gain", 1.0, 2.0)]
+    assert without_effect(factors, {"frequency": "L", "az.gain": 1.0}) == ()
+    factors[1] = ContinuousFactor("C.gain", 1.0, 2.0)
+    assert without_effect(factors, {"frequency": "L", "C.gain": 1.0}) == ("C.gain",)
+    assert without_effect(factors, {"frequency": "L + C", "C.gain": 1.0}) == ()
+    assert without_effect(factors[1:], {"C.gain": 1.0}) == ()

@@ -78,7 +78,8 @@ def _panels(sections: tuple[Section, ...], prefix: str) -> Iterator[tuple[str, s
         for block in figures:
             for panel in block.panels:
                 if panel.name:
-                    yield panel.title or section.title, block.caption, prefix, panel
+                    legend = (f" {entry.color}: {entry.label}." for entry in block.legend)
+                    yield panel.title or section.title, f"{block.caption}{''.join(legend)}", prefix, panel
         of_one = _OF_ONE.match(section.key) and section.sections
         yield from _panels(section.sections, f"{slug(section.title)}-" if of_one else prefix)
 

@@ -82,10 +82,10 @@ def _budget_sections(result: CheckResult) -> list[Section]:
             for n, plan in ((plan.runs, plan) for plan in result.over if not plan.change)
         ],
     )
-    in_s = "" if known else " s is the run-to-run standard deviation, not known yet."
+    not_known = "" if known else " The run-to-run standard deviation (s.d. of a run) is not known yet."
     how = (
         f"Each row: 200 simulated campaigns on {result.surfaces}. Half-width: median of the stop-rule interval; "
-        f"expected loss: mean shortfall of the settings found from the best in the region.{in_s} These are rough "
+        f"expected loss: mean shortfall of the settings found from the best in the region.{not_known} These are rough "
         "estimates; `seqrsm rehearse` simulates every step of `run`, once there are scores."
     )
     return [Section("budget", "What the budget can achieve", (ways, other, Paragraph(how, "note")))]

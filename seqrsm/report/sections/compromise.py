@@ -34,7 +34,7 @@ from seqrsm.report.wording import (
     level_text,
     listing,
     number_cell,
-    readable,
+    setting_phrases,
     shortened,
     told_settings,
     with_unit,
@@ -66,7 +66,7 @@ def compromise_summary(region: Region, found: CompromiseEstimate) -> tuple[Block
     """Return what a summary says of several applications: the settings that serve them all, and their price."""
     drawn = (_front_figure(found),) if len(found.front_settings) > 1 and len(found.given_up) > 1 else ()
     told = told_settings(region, found.settings, _spreads(found))
-    settings = listing([f"{readable(f.name)} {with_unit(told[f.name], f.unit)}" for f in region.factors])
+    settings = listing(setting_phrases(region, told))
     return (Paragraph(f"Recommended compromise: {settings}.", "lead"), *drawn, _loss_table(found))
 
 
@@ -95,6 +95,12 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
     axes.scatter([x.value], [y.value], **star)
     axes.set_xlabel(shortened(heading(x.name, x.unit), 40))
     axes.set_ylabel(shortened(heading(y.name, y.unit), 28))
+    # Points closer than their errors (exact ones: than a hundredth) are not drawn apart.
+    for item, limits, limit in ((x, axes.get_xlim(), axes.set_xlim), (y, axes.get_ylim(), axes.set_ylim)):
+        half, middle = item.interval.half_width, 0.5 * sum(limits)
+        least = half if math.isfinite(half) else 0.01 * abs(item.value)
+        if limits[1] - limits[0] < 2.0 * least:
+            limit(middle - least, middle + least)
     drawing.light_grid(axes)
 
 
@@ -107,7 +113,7 @@ def _setting_table(region: Region, found: CompromiseEstimate) -> Table:
     told = told_settings(region, found.settings, spreads)
     for factor in region.factors:
         interval, ends = found.credible.get(factor.name), NOTHING
-        if interval is not None and not isinstance(factor, CategoricalFactor):
+        if interval is not None and not isinstance(factor, CategoricalFactor) and told[factor.name] != NOTHING:
             spread = spreads[factor.name]
             parts = (format_setting(factor, end, spread, unit=False) for end in (interval.low, interval.high))
             ends = " to ".join(parts)

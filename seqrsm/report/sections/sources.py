@@ -136,13 +136,14 @@ def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
     main = listing([readable(scene.categories[i]) for i in _covers(scene)[:3]])
     alt = f"Map of the ground truth of {scene.name}; the largest covers are {main}."
     cover = np.rot90(scene.cover, quarter_turns)
-    factor = reduction(cover.shape, count)
+    factor, labels = reduction(cover.shape, count), np.full(256, "", dtype=object)
+    labels[: len(scene.categories)] = [readable(name) for name in scene.categories]
     return Panel(
         "Ground truth",
         alt,
         png=cover_png(cover, scene.cell_m, factor),
         name="ground-truth",
-        data=lambda: picture_data(reduce_cover(cover, factor), scene.cell_m * factor),
+        data=lambda: picture_data(labels[reduce_cover(cover, factor)], scene.cell_m * factor),
     )
 
 

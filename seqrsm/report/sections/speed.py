@@ -40,7 +40,9 @@ def speed_section(dossier: Dossier) -> Section | None:
             ]
         )
         text = f"Rms difference of scores, by the cells left along a side of a pixel: {differences}. "
-        blocks.append(Paragraph(text + "The intervals do not include it."))
+        few = "It was measured at a few settings, from the finest to the coarsest sensor of the region"
+        other = "" if measured is None else "; the table below is of others, spread over the region"
+        blocks.append(Paragraph(f"{text}{few}{other}. The intervals do not include it."))
     if measured is not None:
         blocks += tradeoff_blocks(measured, units)
     return Section("speed", "Speed and accuracy of the simulations", tuple(blocks))

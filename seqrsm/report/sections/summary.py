@@ -8,17 +8,19 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.status import costs
 from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
-from seqrsm.report.rounding import format_p, format_percent, format_plain, format_share, format_significant
+from seqrsm.report.rounding import NOTHING, format_p, format_percent, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
     at_bound_text,
     axis_label,
     capital,
+    cost_texts,
     ground_sentence,
     interval_text,
     level_phrase,
@@ -31,13 +33,17 @@ from seqrsm.report.wording import (
     readable_text,
     rounded_settings,
     score_text,
+    setting_phrases,
     setting_range_text,
+    setting_spreads,
     source_counts,
+    told_settings,
     watched_interval,
     with_unit,
 )
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.sensors import without_effect
 from seqrsm.store.records import RunRecord
 
 _TIES = 3
@@ -141,8 +147,8 @@ def _flat(analysis: Analysis) -> list[str]:
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    factors = (factor for factor in analysis.region.factors if _takes_part(factor.name, analysis.optimum.settings))
-    settings = listing([f"{readable(factor.name)} {optimum_setting_text(analysis, factor)}" for factor in factors])
+    told = told_settings(analysis.region, analysis.optimum.settings, setting_spreads(analysis))
+    settings = listing(setting_phrases(analysis.region, told))
     what = f"the settings with the {best} estimated mean score in the region"
     if _is_a_guess(analysis):
         return (
@@ -218,9 +224,11 @@ def _settings_table(analysis: Analysis) -> Table:
     rows = (
         (
             axis_label(factor),
-            optimum_setting_text(analysis, factor, unit=False),
-            setting_range_text(analysis, factor),
-            at_bound_text(analysis, factor),
+            *(
+                (setting, setting_range_text(analysis, factor), at_bound_text(analysis, factor))
+                if (setting := optimum_setting_text(analysis, factor, unit=False)) != NOTHING
+                else (NOTHING, NOTHING, NOTHING)
+            ),
         )
         for factor in analysis.region.factors
     )
@@ -248,18 +256,12 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
-def _takes_part(name: str, settings: Mapping[str, float | str]) -> bool:
-    """Whether a factor is of no member of a set of sensors alone, or of one that is in the set."""
-    member, dot, _ = name.rpartition(".")
-    return not dot or member in str(settings.get("frequency", member)).split("+")
-
-
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
     """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
     name = edge.rpartition(" (")[0]
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
     if parameter is None or edge.startswith("constraint "):
-        return edge.startswith("constraint ") or _takes_part(name, settings)
+        return edge.startswith("constraint ") or name not in without_effect(spec.factors, settings)
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
@@ -289,7 +291,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     if edges := [edge for edge in best.at_bound if _can_widen(spec, best.settings, edge)]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
-        yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
+        first = " (raise [stop] max_runs first)" if decision.budget_spent else ""
+        yield f"Fly{first}, or measure the ground: table uncertainty makes up most of the half-width."
 
 
 def _reasons(analysis: Analysis) -> Iterator[str]:
@@ -334,8 +337,8 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
         return ()
     text, cost = f"{capital(source_counts(scored))}.", spec.cost
     if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
-        spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
+        spent, without = cost_texts(costs(runs), cost.unit)
         sources = sorted({run.source for run in scored}, reverse=True)
         each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
-        text += f" They cost {spent} ({each})."
+        text += f" They cost {spent} ({each}){without}."
     return (Paragraph(text),)
