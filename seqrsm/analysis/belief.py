@@ -282,13 +282,14 @@ def intervals_by_draws(
     """
     errors, process, share = belief.surface.errors, belief.departure.believed, belief.departure.probability
     row = belief.surface.rows(point[None, :])
+    draws = replace(draws, sigma=math.sqrt(belief.run_ratio) * draws.sigma)
     mean = (1.0 - share) * float(belief.surface.predict(row).mean[0])
     parts = [(draws.terms @ row[0], draws, 1.0 - share)]
     if process is not None:
         found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise = process.noise_variance
+        noise = belief.run_ratio * process.noise_variance
         own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
