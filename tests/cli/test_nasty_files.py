@@ -122,7 +122,11 @@ REFUSED = [
         )
     ),
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "frequency [ghz]")), "Did you mean GHz?"),
-    (NUMBERS, text(*GOOD, header=HEADER.replace("resolution", "resolution [GHz]")), "Give it in m or km or cm or mm or ft."),
+    (
+        NUMBERS,
+        text(*GOOD, header=HEADER.replace("resolution", "resolution [GHz]")),
+        "Give it in m or km or cm or mm or ft.",
+    ),
     (NUMBERS, text(*GOOD, header=HEADER.replace("score", "Score")), "Rename the column 'Score' to 'score'."),
     # what instruments, spreadsheets and hands add to a table
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", '"frequency, MHz"')), "to 'frequency [MHz]'."),
