@@ -99,7 +99,7 @@ def analyse(
     if application.prior is not None:  # the recommended settings and the score there rest on the scores alone
         silent = replace(fitted, application=application.model_copy(update={"prior": None}))
         alone = draw_coefficients(spec, silent, sampler="exact", n_draws=n_draws)
-    belief = Belief(fitted.surface, fitted.departure, region, goal, fitted.run_ratio)
+    belief = fitted.belief
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
     taken_off = optimism(belief, best.point, rng)

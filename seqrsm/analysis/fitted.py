@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Departure, weigh_departure
+from seqrsm.analysis.belief import Belief, Departure, weigh_departure
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
@@ -83,8 +83,12 @@ class Fitted:
         s = self.fit.s
         if self.ground is None or self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0):
             return 1.0
-        both = self.ground.sd_ground**2 + self.ground.sd_chance**2
-        return float(both / self.departure.sd_of_run(s, self.surface.errors) ** 2)
+        return float(self.ground.variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
+
+    @property
+    def belief(self) -> Belief:
+        """Quadratic and process together, on ``scale``."""
+        return Belief(self.surface, self.departure, self.region, self.application.goal, self.run_ratio)
 
 
 def fit_application(

@@ -63,13 +63,18 @@ class Ground:
     n_simulations: int
     share: float
 
+    @property
+    def variance(self) -> float:
+        """Of a simulated run: both parts together."""
+        return self.sd_ground**2 + self.sd_chance**2
+
     def beside(self, s: float, df: int) -> Ground:
         """The same with the runs about a surface, which scatter by ``s`` with ``df`` degrees of freedom.
 
         A bundle alone tells the variance of the ground to 0.4 of itself, with 40 degrees of freedom to 0.3.
         """
         own = self.n_worlds - 1
-        total = (own * (self.sd_ground**2 + self.sd_chance**2) + df * s**2) / (own + df)
+        total = (own * self.variance + df * s**2) / (own + df)
         share = _share(total, own + df, self.sd_chance**2, self.n_simulations - self.n_worlds)
         return replace(self, sd_ground=float(np.sqrt(max(total - self.sd_chance**2, 0.0))), share=share)
 

@@ -292,7 +292,7 @@ class Analysis:
     @property
     def belief(self) -> Belief:
         """Quadratic and process together, on ``scale``."""
-        return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal, self.fitted.run_ratio)
+        return self.fitted.belief
 
     @property
     def sd_of_run(self) -> float:

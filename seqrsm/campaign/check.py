@@ -320,7 +320,7 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     found = []
     for k in range(len(spec.applications)):
         ground = ground_of_scores(groups[..., k])
-        noise = math.hypot(ground.sd_ground, ground.sd_chance)
+        noise = math.sqrt(ground.variance)
         of_mean = ground.sd_ground**2 / PROBE_WORLDS + ground.sd_chance**2 / each
         over = float(np.var(scores[:, :, k].mean(axis=1), ddof=1)) - of_mean
         found.append(_Scatter(noise, ground.share, df, source, math.sqrt(max(over, (0.5 * noise) ** 2))))

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from seqrsm.cli.app import app
 from seqrsm.plain import shallow
 from seqrsm.simulate import runner
 from seqrsm.simulate.runner import run_many
+from seqrsm.spec.read import load_spec
 from seqrsm.store.chain import event_hash
 
 
@@ -262,6 +264,30 @@ def test_check_tells_of_all_its_simulations(tiny, monkeypatch) -> None:
     assert len(made) >= check.PROBES * check.PROBE_WORLDS
     assert [simulated for simulated, _ in told] == list(range(len(made) + 1))
     assert min(left for _, left in told) == 0
+
+
+def test_check_tells_the_scatter_and_the_ground_that_the_scores_tell(copy) -> None:
+    """And what future runs at the recommended settings scatter by, of which table uncertainty has a share."""
+    told, best = json.loads(ok("check", copy, "--json")), json.loads(ok("fit", copy, "--json"))["optimum"]
+    assert told["noise_source"].startswith("residuals of ")
+    assert told["ground_share"] == best["ground"]["share_of_variance"]
+    assert told["noise"] == pytest.approx(np.hypot(best["ground"]["sd_ground"], best["ground"]["sd_chance"]))
+
+
+def test_the_variation_over_the_region_is_told_from_grounds(tiny, monkeypatch) -> None:
+    """Of the means of two grounds each, half of the variance of a ground is not the surface's."""
+    spec, means = load_spec(tiny), {}
+
+    def scored(task):
+        mean = means.setdefault(task.settings["resolution"], 50.0 + 4.0 * task.settings["resolution"] ** 0.5)
+        score = mean + 3.0 * (-1.0) ** task.world
+        return SimpleNamespace(failure="", scores=[SimpleNamespace(score=score)])
+
+    monkeypatch.setattr(check, "carry_out", scored)
+    (found,), _, _ = check._probe(spec, lambda done, total: None)
+    assert len(means) == check.PROBES
+    assert found.noise == pytest.approx(3.0 * np.sqrt(2.0))
+    assert found.spread == pytest.approx(np.sqrt(np.var(list(means.values()), ddof=1) - 9.0))
 
 
 def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:

@@ -68,6 +68,11 @@ def test_worlds_and_occasions_at_several_settings_tell_ground_from_chance() -> N
     assert np.mean([one.sd_chance**2 for one in found]) == pytest.approx(9.0, rel=0.03)
     assert np.mean([one.sd_ground**2 + one.sd_chance**2 for one in found]) == pytest.approx(34.0, rel=0.03)
     assert np.mean([one.share for one in found]) == pytest.approx(25.0 / 34.0, abs=0.04)
+    # Sixteen settings with two worlds each leave 16 degrees of freedom between worlds, and 32 within.
+    one, n = ground_of_scores(1.5 * draw((16, 2, 1)) + 3.0 * draw((16, 2, 2))), 400_000
+    of_chance = one.sd_chance**2 * 32.0 / np.random.default_rng(3).chisquare(34, n)
+    possible = 1.0 - of_chance / (one.variance * 16.0 / np.random.default_rng(4).chisquare(16, n))
+    assert one.share == pytest.approx(np.mean(np.maximum(possible, 0.0)), abs=0.004)
 
 
 def test_what_a_ground_does_to_a_mean_of_occasions_is_told_without_bias() -> None:
@@ -232,6 +237,7 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
         without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
         plain.append(without.low <= flights.mean() <= without.high)
         widths.append(best.whole.half_width)
+        assert analysis.sd_of_run**2 == pytest.approx(best.ground.variance)
         assert best.whole.half_width**2 == pytest.approx(best.by_chance.half_width**2 + best.of_ground**2)
     # The share is known by 16 worlds only: an error of 0.11, which costs some points of coverage.
     assert np.mean(inside) == pytest.approx(0.94, abs=0.05)
