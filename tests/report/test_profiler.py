@@ -57,7 +57,7 @@ def test_nothing_is_drawn_that_no_score_can_be(simulated):
     """Slices, contours and sliders end where scores do."""
     analysis = simulated.analyses[0]
     most = analysis.optimum.mean - 1.0
-    percent = SimpleNamespace(score_limits=(0.0, most))
+    percent = SimpleNamespace(goal=analysis.goal, score_limits=(0.0, most))
     cut = replace(analysis, fitted=replace(analysis.fitted, application=percent))
     assert max(row[0] for row in profile(analysis)["rows"]) > most + 0.5
     beyond = [row for row in profile(cut)["rows"] if max(row[:5]) > most + 0.05]
