@@ -199,8 +199,8 @@ def test_the_start_design_has_its_centre_repeats(constraints):
         start_design(MODEL, region, 3)
 
 
-@pytest.mark.parametrize(("k", "efficiency"), [(2, 0.7), (3, 0.55), (4, 0.42), (5, 0.37), (6, 0.36)])
-def test_half_of_a_start_design_lies_between_its_edges_and_the_centre(k, efficiency):
+@pytest.mark.parametrize(("k", "efficiency"), [(2, 0.86), (3, 0.8), (4, 0.75), (5, 0.7), (6, 0.68)])
+def test_a_quarter_of_a_start_design_lies_between_its_edges_and_the_centre(k, efficiency):
     """Against an optimal design of as many runs, by the volume of the coefficients' region and by predictions."""
     factors = tuple(ContinuousFactor(f"x{j}", -1.0, 1.0) for j in range(k))
     model, region = QuadraticModel(factors), Region(factors)
@@ -208,7 +208,7 @@ def test_half_of_a_start_design_lies_between_its_edges_and_the_centre(k, efficie
     points = start_design(model, region, n, 3, seed=1)
     around = points[3:]
     inner = np.max(np.abs(around), axis=1) <= 0.5
-    assert np.sum(inner) == (n - 3) // 2
+    assert np.sum(inner) == (n - 3) // 4
     np.testing.assert_array_equal(np.unique(np.abs(around[~inner])), [0.0, 1.0])
     best = optimal_design(model, region, n - 3, seed=1, fixed=points[:3]).points
     best = np.vstack([points[:3], best])
@@ -216,10 +216,10 @@ def test_half_of_a_start_design_lies_between_its_edges_and_the_centre(k, efficie
     assert np.linalg.slogdet(Z.T @ Z)[1] >= log_det(model, best) + model.p * np.log(efficiency)
     # Edges and centre alone cannot tell a third power from a slope.
     assert all(np.linalg.matrix_rank(np.column_stack([Z, points[:, j] ** 3])) == model.p + 1 for j in range(k))
-    # What that costs where an optimum is sought: the standard error of a mean is half as large again at most.
+    # What that costs where an optimum is sought: the standard error of a mean is a fifth larger at most.
     inside = np.random.default_rng(0).uniform(-0.7, 0.7, (2000, k))
     of_both = [np.sqrt(np.mean(prediction_variance(model, each, inside) / n)) for each in (points, best)]
-    assert of_both[0] < 1.5 * of_both[1]
+    assert of_both[0] < 1.2 * of_both[1]
 
 
 def test_a_run_is_drawn_in_only_where_the_region_allows_it():
