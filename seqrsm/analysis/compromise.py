@@ -189,17 +189,18 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
     scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
-    draws, limits = analysis.posterior.term_draws, table.score_limits
-    some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
+    # Keyed by the application, or those of equal designs would have equal draws and err alike.
+    rng, limits = generator(spec.seed, analysis.fit.n_runs, f"compromise: {table.name}"), table.score_limits
+    some = rng.permutation(analysis.posterior.term_draws)[:DRAWS]
     surfaces = []
     if departure.believed is not None:
-        rng = generator(spec.seed, analysis.fit.n_runs, "compromise")
         surfaces = [departure.believed.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
-        some = some[: len(some) - len(surfaces)]
+        some = some[len(surfaces) :]
+    order = rng.permutation(len(some) + len(surfaces))
 
     def drawn(points: FloatArray) -> FloatArray:
-        of_process = [surface(points) for surface in surfaces]
-        return np.clip(scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process])), *limits)
+        values = np.vstack([some @ analysis.model.matrix(points).T, *(surface(points) for surface in surfaces)])
+        return np.clip(scale.to_score(values[order]), *limits)
 
     return Objective(
         table.name,
