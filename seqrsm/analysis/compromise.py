@@ -4,7 +4,8 @@ RSL TR 380-1 sections 1.1 and 2.0: 'whether there is a different design which wi
 applications, even though to a lesser degree'. The utility of each application becomes a desirability between 0 and 1
 (Derringer & Suich 1980, Journal of Quality Technology 12, 214-219), and the compromise is the setting with the largest
 weighted geometric mean of them. Cost, build time and risk enter as further desirabilities. Posterior draws of every
-surface give the posterior of the compromise and of what each application loses.
+surface, independent of the others, give the posterior of the compromise and of what each application loses: that scores
+of one image may scatter alike is not counted.
 """
 
 from __future__ import annotations
