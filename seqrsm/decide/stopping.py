@@ -152,12 +152,8 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     last = max(rule.max_runs, n_runs, n_terms + 1)
     first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
     counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
-
-    def later(n: ArrayLike) -> FloatArray:
-        return np.asarray(h / (1.0 + AS_REPEATS * h * (np.asarray(n) - n_runs)))
-
-    enough = counts[rule.width(s, counts - n_terms, later(counts)) <= rule.half_width]
-    h_last = later(last)
+    h_later, h_last = (h / (1.0 + AS_REPEATS * h * (n - n_runs)) for n in (counts, last))
+    enough = counts[rule.width(s, counts - n_terms, h_later) <= rule.half_width]
     return Forecast(
         noise_floor=rule.noise_floor(s),
         attainable_half_width=float(rule.width(s, last - n_terms, h_last)),
