@@ -4,7 +4,8 @@ RSL TR 380-1 sections 1.1 and 2.0: 'whether there is a different design which wi
 applications, even though to a lesser degree'. The utility of each application becomes a desirability between 0 and 1
 (Derringer & Suich 1980, Journal of Quality Technology 12, 214-219), and the compromise is the setting with the largest
 weighted geometric mean of them. Cost, build time and risk enter as further desirabilities. Posterior draws of every
-surface give the posterior of the compromise and of what each application loses.
+surface, independent of the others, give the posterior of the compromise and of what each application loses: that scores
+of one image may scatter alike is not counted.
 """
 
 from __future__ import annotations
@@ -189,17 +190,18 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
     scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
-    draws, limits = analysis.posterior.term_draws, table.score_limits
-    some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
+    # Keyed by the application, or those of equal designs would have equal draws and err alike.
+    rng, limits = generator(spec.seed, analysis.fit.n_runs, f"compromise: {table.name}"), table.score_limits
+    some = rng.permutation(analysis.posterior.term_draws)[:DRAWS]
     surfaces = []
     if departure.believed is not None:
-        rng = generator(spec.seed, analysis.fit.n_runs, "compromise")
         surfaces = [departure.believed.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
-        some = some[: len(some) - len(surfaces)]
+        some = some[len(surfaces) :]
+    order = rng.permutation(len(some) + len(surfaces))
 
     def drawn(points: FloatArray) -> FloatArray:
-        of_process = [surface(points) for surface in surfaces]
-        return np.clip(scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process])), *limits)
+        values = np.vstack([some @ analysis.model.matrix(points).T, *(surface(points) for surface in surfaces)])
+        return np.clip(scale.to_score(values[order]), *limits)
 
     return Objective(
         table.name,

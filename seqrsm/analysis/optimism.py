@@ -68,29 +68,31 @@ def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> flo
 def _of_quadratic(surface: Surface, at: FloatArray, sign: float, noise: FloatArray, rng: np.random.Generator) -> float:
     """Mean (told less true) where each set has its best of the places ``at`` (m, k), the runs first."""
     rows, n = surface.rows(at), noise.shape[1]
-    apart = rows[:n] - rows[:n].mean(axis=0)
-    error = float(np.mean(np.sum((apart @ surface.error_covariance) * apart, axis=1)))
+    apart = rows[:n] - rows[:n].mean(axis=0)  # what settings have in common, as a day's effect, chooses none
+    error, of_unit = (
+        float(np.mean(np.sum((apart @ covariance) * apart, axis=1)))
+        for covariance in (surface.error_covariance, surface.fit.covariance_unscaled[: rows.shape[1], : rows.shape[1]])
+    )
     mean = rows @ surface.estimate
     true, _ = _shrunk(mean, n, error)
     later = np.isin(surface.data.purposes, _FOR_THE_OPTIMUM)
     if later.any():
-        return _above(_replayed(surface, rows, true, later, sign, noise), true, n, sign)
+        scatter = noise * np.sqrt(surface.fit.inflation * error / (of_unit * surface.fit.weights))
+        return _above(_replayed(surface, rows, true, later, sign, scatter), true, n, sign)
     size, axes = np.linalg.eigh(surface.error_covariance)
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T  # symmetric: the same, whatever the order of the runs
     return _above(true + sign * _normal(_SETS, len(size), rng) @ (rows @ root).T, true, n, sign)
 
 
 def _replayed(
-    surface: Surface, rows: FloatArray, true: FloatArray, later: BoolArray, sign: float, noise: FloatArray
+    surface: Surface, rows: FloatArray, true: FloatArray, later: BoolArray, sign: float, scatter: FloatArray
 ) -> FloatArray:
     """Means told (sets, m) at places with these ``rows`` (m, c) and ``true`` means, by least squares.
 
-    The ``later`` of the runs are made at the best place by the batches before theirs, the others where they were.
+    ``scatter`` (sets, n) is that of the runs; the ``later`` of them are made at the best place by the batches before
+    theirs, the others where they were.
     """
-    fit, c, n = surface.fit, rows.shape[1], noise.shape[1]
-    of_model = float(np.trace(surface.error_covariance) / np.trace(fit.covariance_unscaled[:c, :c]))
-    of_model *= fit.inflation
-    scatter = noise * np.sqrt(of_model / fit.weights)
+    fit, c, n = surface.fit, rows.shape[1], scatter.shape[1]
     size = fit.Z.shape[1]
     gram, moment = np.zeros((_SETS, size, size)), np.zeros((_SETS, size))
     for batch in np.unique(surface.data.batches):

@@ -54,7 +54,7 @@ class BlockStudy:
     ratio : tuple of float
         Credible interval of sigma_block / sigma.
     note : str
-        Why intervals for a new block rest on the prior; empty when there are blocks enough.
+        Why intervals rest on the prior of how blocks differ; empty when there are blocks enough.
     """
 
     effect: str

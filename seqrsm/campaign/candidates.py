@@ -273,12 +273,19 @@ class _Comparer:
         analysis = self.analysis
         points = self.spec.region.code([settings, self.settings])
         terms, rng = analysis.posterior.term_draws, generator(self.spec.seed, 0, "candidates")
-        sds = 0.0, analysis.optimum.prediction.half_width / 2.0 / math.sqrt(self.runs)
+        # Nothing tells how far measured scores of two sensors scatter alike, but for the day that they share.
+        variance, of_day = analysis.sd_of_run**2, 0.0
+        if common := analysis.fitted.surface.common_sd:
+            of_day = variance * (common / analysis.belief.scatter(analysis.optimum.point)[0]) ** 2
+        chance = (variance - of_day) / self.runs
+        sds = math.sqrt(2.0 * chance), math.sqrt(chance + of_day)
         if self.optimum is not None:
             own = self._simulated([self._own(candidate)], self.tasks)[0]
             whole = np.isfinite(own).all(axis=1) & np.isfinite(self.optimum).all(axis=1)
             if whole.sum() > 1:
                 sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
+        if math.isnan(sds[0]):
+            raise ConfigurationError("nothing is known of the scatter of scores until there are more runs than terms")
         optimism = analysis.optimum.optimism
         return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds, optimism, rng)
 

@@ -53,7 +53,7 @@ class RandomBlockPosterior:
         Standard deviations of a run of weight 1 and of the days by restricted maximum likelihood; 0 for the days where
         that is most likely.
     reason : str
-        Why intervals for a new day rest on the prior; empty when there are days enough.
+        Why intervals rest on the prior of how days differ; empty when there are days enough.
     """
 
     ratios: FloatArray
@@ -154,12 +154,8 @@ def fit_random_blocks(
     shares = np.exp(log_share - np.max(log_share))
     keep = shares > _NEGLIGIBLE
     shares = shares[keep] / np.sum(shares[keep])
-    few = len(names) <= _FEW_DAYS
-    reason = (
-        f"{len(names)} blocks tell little of block differences; intervals for a new one rest on the prior"
-        if few
-        else ""
-    )
+    few = f"{len(names)} blocks tell little of how blocks differ; all intervals of scores rest on the prior of it"
+    reason = few if len(names) <= _FEW_DAYS else ""
     return RandomBlockPosterior(
         ratios[keep],
         shares,

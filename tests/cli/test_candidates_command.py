@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured_campaign import FREQUENCY, X, make, quadratic
+from measured_campaign import FREQUENCY, MEASURED, X, days, make, quadratic
+from scipy import stats
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
@@ -153,6 +154,34 @@ sensor = "BIOMASS SM SLC"
     assert sentinel["how"] == "surface"
     assert sentinel["settings"]["frequency"] == 5.405
     assert (biomass["how"], "outside the region" in biomass["why"]) == ("none", True)
+
+
+def test_nothing_is_told_where_nothing_is_known_of_scatter(tmp_path: Path) -> None:
+    """As many runs as terms."""
+    rows = [{"x": x, "score": score} for x, score in ((0.0, 1.0), (5.0, 4.0), (10.0, 2.0))]
+    folder = make(tmp_path / "m", X, rows, model='[[candidate]]\nname = "other"\nparameters = { x = 3.0 }\n')
+    assert "other could not be evaluated: nothing is known of the scatter" in " ".join(ok("candidates", folder).split())
+
+
+@pytest.mark.parametrize("effect", [0.0, 20.0])
+def test_one_measured_occasion_scatters_with_either_sensor(tmp_path: Path, effect: float) -> None:
+    """The interval of a mean difference was told for that of one occasion, and a sensor sufficed too surely.
+
+    A random day, which both sensors share, widens what one sensor alone will score.
+    """
+    blocks = '[model]\nblock = "block"\nblock_effect = "random"\n' if effect else ""
+    rows, _ = days(60, effect, 0)
+    more = f'[[candidate]]\nname = "other"\nparameters = {{ frequency = 8.0 }}\n{blocks}'
+    use = MEASURED + "sufficient = 60.0\n" if effect else MEASURED
+    folder = make(tmp_path / "m", X + FREQUENCY, rows, model=more, application=use)
+    ok("candidates", folder)
+    row = found(folder)["other"]
+    low, high = (0.5 * (row[of]["high"] - row[of]["low"]) / 1.96 for of in ("confidence", "one_ground"))
+    assert np.sqrt(high**2 - low**2) == pytest.approx(np.sqrt(2.0), rel=0.25)  # scores scatter by 1, and 60 tell so
+    if effect:
+        shift = np.std(effect * np.random.default_rng(0).normal(size=6), ddof=1)
+        least, most = (stats.norm.sf(60.0, row["score"], times * shift) for times in (2.0, 0.6))
+        assert least < row["probability"] < most
 
 
 def test_all_that_fit_are_neither_past_nor_beyond_the_factors(tmp_path: Path, tiny_scene: Path) -> None:

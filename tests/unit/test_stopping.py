@@ -99,7 +99,7 @@ def test_what_an_interval_has_beyond_the_scatter_of_runs_falls_with_more_of_them
     assert wide.half_width == 8.0
     assert wide.noise_floor == pytest.approx(1.959964 * 2.0, rel=1e-6)
     beyond = (8.0 / (stats.t.ppf(0.975, 35) * 2.0)) ** 2 - 1.0
-    expected = stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + beyond * 50 / 80)
+    expected = stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + 1.0 / (1.0 / beyond + 0.4 * 30))
     assert wide.attainable_half_width == pytest.approx(expected)
     narrow = look(half_width=3.95)  # of normal quantiles: Student's alone of 35 degrees of freedom would be 4.06
     assert narrow.attainable_half_width == 3.95
@@ -114,7 +114,7 @@ def test_target_below_the_noise_floor_is_told_with_what_can_be_had() -> None:
     told = [line for line in decision.futility if "noise floor" in line]
     assert "± 3.92 percent" in told[0]
     assert "mean of 5 runs" in told[0]
-    h = 0.2 * 50 / 80
+    h = 1.0 / (1.0 / 0.2 + 0.4 * 30)
     assert decision.attainable_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + h))
     assert decision.attainable_mean_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(0.2 + h))
 
@@ -125,7 +125,7 @@ def test_runs_needed_is_the_smallest_number_that_reaches_the_target() -> None:
     assert needed is not None
 
     def width(n: int) -> float:
-        return float(stats.t.ppf(0.975, n - 15) * 2.0 * np.sqrt(0.2 * 50 / n))
+        return float(stats.t.ppf(0.975, n - 15) * 2.0 * np.sqrt(1.0 / (5.0 + 0.4 * (n - 50))))
 
     assert width(needed) <= 1.0 < width(needed - 1)
 
