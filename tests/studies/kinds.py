@@ -149,6 +149,37 @@ def sparse(rng: np.random.Generator) -> Value:
     return lambda X: 50.0 + 35.0 * np.exp(-np.sum((X[:, two] - best) ** 2 / width, axis=1))
 
 
+def narrow(rng: np.random.Generator) -> Value:
+    """A bell of 22 points, a seventh of the range wide, on a slope of a few points."""
+    best, slope = rng.uniform(-0.6, 0.6, 3), rng.uniform(-4.0, 4.0, 3)
+    return lambda X: 60.0 + X @ slope + 22.0 * np.exp(-np.sum((X - best) ** 2, axis=1) / (2.0 * 0.3**2))
+
+
+HEIGHTS = np.array([1.0, 1.2, 3.0, 3.2])
+STEEP = np.array(
+    [[10, 3, 17, 3.5, 1.7, 8], [0.05, 10, 17, 0.1, 8, 14], [3, 3.5, 1.7, 10, 17, 8], [17, 8, 0.05, 10, 0.1, 14]]
+)
+PEAKS = 1e-4 * np.array(
+    [
+        [1312, 1696, 5569, 124, 8283, 5886],
+        [2329, 4135, 8307, 3736, 1004, 9991],
+        [2348, 1451, 3522, 2883, 3047, 6650],
+        [4047, 8828, 8732, 5743, 1091, 381],
+    ]
+)
+
+
+def hartmann6(rng: np.random.Generator) -> Value:
+    """Four bells in six factors (Hartmann 1973), the factors in random order and direction; flat at most edges."""
+    order, signs = rng.permutation(6), rng.choice([-1.0, 1.0], 6)
+
+    def value(X: Array) -> Array:
+        unit = (0.5 * (X * signs + 1.0))[:, order]
+        return 45.0 + 11.0 * np.exp(-np.sum(STEEP * (unit[:, None] - PEAKS) ** 2, axis=2)) @ HEIGHTS
+
+    return value
+
+
 def cubic(rng: np.random.Generator, k: int = 3) -> Value:
     """A quadratic and terms of third order that add 3 to 5 points at most."""
     base = surfaces.quadratic(rng, k)
@@ -196,6 +227,8 @@ KINDS: dict[str, Kind] = {
         Kind("ridge", 4, ridge),
         Kind("categories", 3, categories, levels=3),
         Kind("sparse", 6, sparse, runs=60),
+        Kind("narrow", 3, narrow),
+        Kind("hartmann6", 6, hartmann6, runs=60),
         Kind("student", 3, _old(surfaces.quadratic, 3), noise=student, errors="student_t"),
         Kind("counts", 3, shares, noise=counts, errors="counts"),
     )
