@@ -70,7 +70,7 @@ class CheckResult:
     noise_source : str
         Where ``noise`` comes from.
     cost, cost_unit : float, str
-        Of the whole budget.
+        Of the whole budget, see `seqrsm.spec.tables.CostSpec`.
     target_problem : str
         Why the stop target may be out of reach; empty if it is not.
     notes, covers : tuple of str
@@ -179,7 +179,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         ground_share=share,
         noise_source=source,
         cost=rule.max_runs * spec.cost.of(spec.own_source),
-        cost_unit=spec.cost.unit,
+        cost_unit=spec.cost.told_unit,
         target_problem=problem,
         notes=notes,
         covers=covers,

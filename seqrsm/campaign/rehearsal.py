@@ -238,12 +238,13 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
     rows = [
         ("campaigns that stop before the budget", share("stopped")),
         ("runs needed, median (10 % to 90 %)", f"{middle} ({low} to {high})"),
-        ("cost, median", f"{numbers['cost_median']:g} {spec.cost.unit}".rstrip()),
         (f"coverage of the {stop_rule(spec.stop).interval_name}", share("coverage_rule")),
         ("coverage of one new run at the optimum", share("coverage_new_run")),
         ("coverage of the mean at the optimum", share("coverage_mean")),
         ("utility lost, median (95 %)", lost),
     ]
+    if spec.cost.told_unit:
+        rows.insert(2, ("cost, median", f"{numbers['cost_median']:g} {spec.cost.told_unit}"))
     quadratics = 100 * (1.0 - analysis.fitted.departure.probability)
     notes = [
         f"Surfaces are drawn from the posterior: {quadratics:.0f} % of them are quadratics. Errors are normal; "

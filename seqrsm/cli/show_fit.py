@@ -103,9 +103,11 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     targets = " and ".join(dict.fromkeys(f"\u00b1 {target}" for target in target_texts(spec).values()))
+    unit = spec.cost.told_unit
+    spent = f"; cost spent {''.join(cost_texts(result, unit))}" if unit else ""
     rows = [
         ["runs", states],
-        ["budget", f"{result['max_runs']} runs; cost spent {''.join(cost_texts(result, spec.cost.unit))}"],
+        ["budget", f"{result['max_runs']} runs{spent}"],
         ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:

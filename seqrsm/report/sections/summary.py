@@ -335,10 +335,10 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
     scored = [run for run in runs if run.state == "scored"]
     if not scored:
         return ()
-    text, cost = f"{capital(source_counts(scored))}.", spec.cost
-    if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
-        spent, without = cost_texts(costs(runs), cost.unit)
+    text = f"{capital(source_counts(scored))}."
+    if unit := spec.cost.told_unit:
+        spent, without = cost_texts(costs(runs), unit)
         sources = sorted({run.source for run in scored}, reverse=True)
-        each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
+        each = ", ".join(f"a {source} {with_unit(format_plain(spec.cost.of(source)), unit)}" for source in sources)
         text += f" They cost {spent} ({each}){without}."
     return (Paragraph(text),)
