@@ -373,7 +373,7 @@ class Campaign:
             return []
         made = [settings, *({**settings, name: level} for name, level in others)]
         cells = self.cells_of_ground()
-        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, LEVEL_WORLDS)]
+        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, range(LEVEL_WORLDS))]
         scores = self.scores_of(tasks, analysis.application, workers, cluster)
         first, *rest = scores.reshape(-1, LEVEL_WORLDS, OCCASIONS)
         found: list[dict[str, float | str]] = []

@@ -23,7 +23,7 @@ from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_s
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
+from seqrsm.campaign.simulation import bundle_tasks, carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
@@ -292,11 +292,13 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     centres[:, list(spec.region.categorical)] = levels_of
     centres = centres[spec.region.feasible(centres)]
     points = spec.region.sample(PROBES, generator(spec.seed, 0, "spread"))
-    # Ids far beyond any campaign's: their occasions are no run's.
-    last, each = 2**31 - 1, PROBE_WORLDS * OCCASIONS
+    each = PROBE_WORLDS * OCCASIONS
     tasks = [
-        replace(task_of(spec, last - i, setting), world=last - i // OCCASIONS)
-        for i, setting in enumerate(np.repeat(np.array(spec.region.decode(points)), each))
+        task
+        for i, setting in enumerate(spec.region.decode(points))
+        for task in bundle_tasks(
+            spec, setting, worlds=range(PROBE_WORLDS * i, PROBE_WORLDS * (i + 1)), key=lambda number: 2**31 - 1 - number
+        )
     ]
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.

@@ -135,7 +135,8 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    spreads = {name: spread or math.nan for name, spread in look.get("settings_spread", {}).items()}
+    known = look.get("settings_spread", {}).items()
+    spreads = {name: math.nan if spread is None else spread for name, spread in known}
     told = told_settings(spec.region, best["settings"], spreads)
     rows = [[readable(f.name), with_unit(told[f.name], f.unit)] for f in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
