@@ -8,13 +8,26 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from seqrsm.errors import UserError
+from seqrsm.errors import Problem, UserError
 from seqrsm.plain import plain
 
 
 def put_json(path: Path, document: Any) -> Path:
     """Write a document of plain values, see `seqrsm.plain`, as `put` does, its folder made."""
     return put(path, json.dumps(plain(document), indent=1).encode("utf-8"), make_folder=True)
+
+
+def see_free(*paths: Path) -> None:
+    """Refuse a file that is there already: somebody may have worked on it.
+
+    Raises
+    ------
+    UserError
+        For each that is.
+    """
+    taken = [Problem("the file exists already", "Name a new file.", file=str(path)) for path in paths if path.exists()]
+    if taken:
+        raise UserError(*taken)
 
 
 def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:

@@ -200,6 +200,11 @@ class Belief:
             of_mean += share * float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
         return both, of_mean / both**2 if both else math.nan
 
+    def sd_of_run(self, point: FloatArray, reach: float = 1.0) -> float:
+        """Standard deviation of a future run at a coded point (k,) in score units, from so many to either side."""
+        mean = float(self.mean(point[None, :])[0])
+        return self.surface.scale.sd_in_scores(mean, self.scatter(point)[0], reach)
+
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

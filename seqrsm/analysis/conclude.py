@@ -214,7 +214,8 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
     model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    levels, s = tuple(int(best.point[j]) for j in region.categorical), surface.s or math.nan
+    levels = tuple(int(best.point[j]) for j in region.categorical)
+    s = surface.s if surface.s > 0.0 else math.nan  # no scatter seen is none known
     return stationary_point(
         model, region, surface.estimate, levels, variance=lambda rows: s**2 * surface.variance_unscaled(rows)
     )
@@ -235,11 +236,11 @@ def _decision(
     if surface.common_sd and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=(surface.common_sd / s) ** 2, counts_ground=True)
     lack = fit.lack_of_fit()
-    mean = float(belief.mean(estimate.point[None, :])[0])
+    sd = belief.sd_of_run(estimate.point, float(t_quantile(np.inf, rule.level)))
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=fitted.scale.sd_in_scores(mean, s, float(t_quantile(np.inf, rule.level))) or math.nan,
+        s=sd if sd > 0.0 else math.nan,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=h,

@@ -296,9 +296,8 @@ class Analysis:
 
     @property
     def sd_of_run(self) -> float:
-        """Standard deviation of a future run at the recommended settings, score units; see `Belief.scatter`."""
-        belief, point = self.belief, self.optimum.point
-        return self.scale.sd_in_scores(float(belief.mean(point[None, :])[0]), belief.scatter(point)[0])
+        """Standard deviation of a future run at the recommended settings, score units."""
+        return self.belief.sd_of_run(self.optimum.point)
 
     @property
     def contradicted(self) -> bool:

@@ -104,16 +104,13 @@ class ResponseScale:
 
         Scores (n,) [%] rest on so many ``trials`` (n,) each; ``Z`` (n, p) is the model matrix with blocks.
         """
-        future, expected = float(np.median(trials)), expected_shares(Z, scores, trials)
-        binomial = share_variance(expected, trials)
         if kind == "identity":
-            values, variance = scores, binomial
+            values, variance = scores, share_variance(expected_shares(Z, scores, trials), trials)
         else:
-            values, _ = unbiased_logits(Z, scores, binomial / np.mean(binomial), trials)
-            p = np.clip(expected / 100.0, 0.5 / trials, 1.0 - 0.5 / trials)
-            variance = 1.0 / (trials * p + 0.5) + 1.0 / (trials * (1.0 - p) + 0.5)
+            values, expected = unbiased_logits(Z, scores, np.ones(len(scores)), trials)
+            variance = logit_variance(expected, count=trials)
         unit = float(1.0 / np.mean(1.0 / variance))
-        return cls(kind, values, unit / variance, unit, future)
+        return cls(kind, values, unit / variance, unit, float(np.median(trials)))
 
     def to_score(self, values: FloatArray, runs: float = np.inf) -> FloatArray:
         """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.

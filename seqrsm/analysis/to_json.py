@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -140,7 +139,7 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
 def _covariance(analysis: Analysis) -> dict[str, Any]:
     """Covariance s^2 (Z'WZ)^-1 of the coded coefficients, by the rows of its lower triangle."""
     fit = analysis.fit
-    matrix = (fit.s or math.nan) ** 2 * fit.covariance_unscaled
+    matrix = fit.known_s**2 * fit.covariance_unscaled
     return {"terms": list(fit.names), "lower_triangle": [matrix[i, : i + 1] for i in range(fit.n_terms)]}
 
 

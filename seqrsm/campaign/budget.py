@@ -19,10 +19,12 @@ from seqrsm.design.factors import setting_with_unit
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import Goal, sign_of
+from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
 from seqrsm.rng import generator
 
 N_CAMPAIGNS = 200
 _LEAST_CLOUD = 400
+_ROUNDS = 12  # until surfaces of logits vary as they should
 _EXTRA = 6
 """Runs of a start design beyond the terms."""
 
@@ -38,17 +40,28 @@ class Surfaces:
     model : QuadraticModel
         Of the truths.
     coefficients : ndarray (m, p)
-        A truth in each row, score units.
+        A truth in each row, on the scale of the fit.
     noise : float
         Standard deviation of a run, score units.
     source : str
         In words.
+    logit : bool
+        That scale is the logit of percent scores; else that of the scores.
     """
 
     model: QuadraticModel
     coefficients: FloatArray
     noise: float
     source: str
+    logit: bool = False
+
+    def scores(self, values: FloatArray) -> FloatArray:
+        """Score units of values on the scale of the fit."""
+        return logit_to_percent(values) if self.logit else values
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Change of the score with a value on the scale of the fit."""
+        return 1.0 / np.sqrt(logit_variance(logit_to_percent(values))) if self.logit else np.ones_like(values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +116,27 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: st
     return f"No plan of these reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
 
 
-def random_surfaces(region: Region, noise: float, spread: float, source: str, seed: int) -> Surfaces:
+def random_surfaces(
+    region: Region, noise: float, spread: float, source: str, seed: int, level: float | None = None
+) -> Surfaces:
     """Quadratics drawn at random, whose scores have the standard deviation ``spread`` over the region.
 
-    Slopes and differences of levels have twice the standard deviation of squares and products.
+    Slopes and differences of levels have twice the standard deviation of squares and products. With a ``level`` [%]
+    they are quadratics of logits about that of this score.
     """
     rng = generator(seed, 0, "budget: surfaces")
     model, first = QuadraticModel(region.factors, 2), QuadraticModel(region.factors, 1).p
     beta = rng.standard_normal((N_CAMPAIGNS, model.p))
     beta[:, first:] *= 0.5
     values = model.matrix(region.sample(500, rng)) @ beta.T
-    return Surfaces(model, beta * (spread / np.std(values, axis=0))[:, None], noise, source)
+    if level is None:
+        return Surfaces(model, beta * (spread / np.std(values, axis=0))[:, None], noise, source)
+    beta[:, 0] -= values.mean(axis=0)
+    values, middle = values - values.mean(axis=0), logit_scores(np.array(level))
+    size = np.full(N_CAMPAIGNS, 1.0)
+    for _ in range(_ROUNDS):
+        size *= spread / np.std(logit_to_percent(middle + size * values), axis=0)
+    return Surfaces(model, beta * size[:, None] + middle * np.eye(model.p)[0], noise, source, logit=True)
 
 
 @dataclass(frozen=True)
@@ -192,7 +215,7 @@ class Budget:
     @cached_property
     def _best(self) -> FloatArray:
         """What could be had of each truth, the goal's sign to it."""
-        truth = self.known.model.matrix(self._cloud) @ self.known.coefficients.T
+        truth = self.known.scores(self.known.model.matrix(self._cloud) @ self.known.coefficients.T)
         return np.asarray((sign_of(self.goal) * truth).max(axis=0))
 
     def _plan(self, change: str, n: int, p: int, Z: FloatArray, truth: FloatArray, rows: list[int]) -> Plan:
@@ -203,24 +226,28 @@ class Budget:
             return Plan(change, n, p, asked, float("nan"), float("nan"))
         # The first runs of every number are the same, so that numbers differ by what more runs give.
         spread, repeats = (generator(self.seed, 0, f"budget: {kind} runs") for kind in ("spread", "repeated"))
-        every = np.arange(truth.shape[1])
-        inverse = np.linalg.inv(Z[rows].T @ Z[rows])
-        y = truth[rows] + noise * spread.standard_normal((n_spread, len(every)))
-        beta = inverse @ Z[rows].T @ y
-        rss = np.sum((y - Z[rows] @ beta) ** 2, axis=0)
-        fitted = Z @ beta
-        h = np.repeat(np.einsum("ij,jk,ik->i", Z, inverse, Z)[:, None], len(every), axis=1)
+        every, slope = np.arange(truth.shape[1]), self.known.slope(truth)
+        # Runs scatter alike in score units: by the square of the slope they count on the scale of the fit.
+        own, root = Z[rows], slope[rows]
+        y = truth[rows] + noise / root * spread.standard_normal((n_spread, len(every)))
+        weighted = own * root.T[:, :, None]  # (campaigns, runs, terms)
+        inverse = np.linalg.inv(np.swapaxes(weighted, 1, 2) @ weighted)
+        beta = np.einsum("cij,cnj,nc->ic", inverse, weighted, y * root)
+        rss = np.sum((root * (y - own @ beta)) ** 2, axis=0)
+        fitted, through = Z @ beta, Z @ inverse
+        h = np.sum(through * Z, axis=2).T
         if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
             at = np.argmax(sign * fitted, axis=0)
-            again = truth[at, every] + noise * repeats.standard_normal((m, len(every)))
-            apart, gain = again.mean(axis=0) - fitted[at, every], m / (1.0 + m * h[at, every])
-            across = Z @ inverse @ Z[at].T
+            there, each = slope[at, every], noise * repeats.standard_normal((m, len(every)))
+            apart = truth[at, every] + each.mean(axis=0) / there - fitted[at, every]
+            gain = m * there**2 / (1.0 + m * there**2 * h[at, every])
+            across = np.einsum("cij,cj->ic", through, Z[at])
             fitted, h = fitted + across * (gain * apart), h - across**2 * gain
-            rss = rss + np.sum((again - again.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
+            rss = rss + np.sum((each - each.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)
         rule = replace(self.rule, max_runs=n)
-        width = rule.width(np.sqrt(rss / (n - p)), n - p, h[at, every])
-        loss = np.maximum(self._best - sign * truth[at, every], 0.0)
+        width = rule.width(np.sqrt(rss / (n - p)), n - p, h[at, every] * slope[at, every] ** 2)
+        loss = np.maximum(self._best - sign * self.known.scores(truth[at, every]), 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 
 

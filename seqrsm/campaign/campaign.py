@@ -38,6 +38,7 @@ from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
+from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -166,10 +167,10 @@ class Campaign:
         source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
             raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
-        if csv is not None and csv.exists():
-            raise UserError("the file exists already", "Name a new file.", file=str(csv))
-        if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
-            raise UserError("cannot write into this folder", "Name another file.", file=str(csv))
+        if csv is not None:  # known before any run is issued
+            see_free(csv)
+            if not os.access(csv.absolute().parent, os.W_OK):
+                raise UserError("cannot write into this folder", "Name another file.", file=str(csv))
         records: tuple[RunRecord, ...] | None = None
         while records is None:  # where another process decided meanwhile, choose again from what there is now
             self.store.mark()
@@ -372,7 +373,7 @@ class Campaign:
             return []
         made = [settings, *({**settings, name: level} for name, level in others)]
         cells = self.cells_of_ground()
-        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, LEVEL_WORLDS)]
+        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, range(LEVEL_WORLDS))]
         scores = self.scores_of(tasks, analysis.application, workers, cluster)
         first, *rest = scores.reshape(-1, LEVEL_WORLDS, OCCASIONS)
         found: list[dict[str, float | str]] = []

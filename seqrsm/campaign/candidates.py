@@ -209,7 +209,7 @@ class _Comparer:
             return
         cells = campaign.cells_of_ground()
         utility = tuple(u for u in task_of(self.spec, NO_RUN, self.settings).utilities if u[0] == application.name)
-        made = bundle_tasks(self.spec, self.settings, cells, worlds + PILOT_WORLDS)
+        made = bundle_tasks(self.spec, self.settings, cells, range(worlds + PILOT_WORLDS))
         made = [replace(task, utilities=utility) for task in made]
         self.tasks, self.pilots = made[: worlds * OCCASIONS], made[worlds * OCCASIONS :: OCCASIONS]
         self.base = instrument_of(made[0])

@@ -23,7 +23,7 @@ from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_s
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
+from seqrsm.campaign.simulation import bundle_tasks, carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
@@ -70,7 +70,7 @@ class CheckResult:
     noise_source : str
         Where ``noise`` comes from.
     cost, cost_unit : float, str
-        Of the whole budget.
+        Of the whole budget, see `seqrsm.spec.tables.CostSpec`.
     target_problem : str
         Why the stop target may be out of reach; empty if it is not.
     notes, covers : tuple of str
@@ -142,11 +142,11 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     rules = [stop_rule(spec.stop_of(a.name), one.share) for one, a in zip(found, spec.applications, strict=True)]
     floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
     own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
-    application, rule, (noise, share, df, source, spread) = spec.applications[own], rules[own], found[own]
+    application, rule, (noise, share, df, source, *_) = spec.applications[own], rules[own], found[own]
     analysis = analyses.get(application.name)
     if len(spec.applications) > 1 and np.isfinite(noise):
         source += f"; of {application.name}, the farthest from its target"
-    surfaces = _surfaces(spec, application, noise, spread, analysis)
+    surfaces = _surfaces(spec, application, found[own], analysis)
     unit = application.score_unit
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
@@ -179,7 +179,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         ground_share=share,
         noise_source=source,
         cost=rule.max_runs * spec.cost.of(spec.own_source),
-        cost_unit=spec.cost.unit,
+        cost_unit=spec.cost.told_unit,
         target_problem=problem,
         notes=notes,
         covers=covers,
@@ -266,7 +266,7 @@ def _by_flights(rule: StopRule, noise: float) -> str:
 class _Scatter(NamedTuple):
     """Scatter of a run of one application: standard deviation, the ground's share of its variance, what they rest on.
 
-    ``spread`` is the standard deviation of the expected score over the region; all in score units.
+    ``level`` and ``spread`` are mean and standard deviation of the expected score over the region; all in score units.
     """
 
     noise: float = float("nan")
@@ -274,6 +274,7 @@ class _Scatter(NamedTuple):
     df: int = 0
     source: str = "unknown before the first repeats"
     spread: float = float("nan")
+    level: float = float("nan")
 
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
@@ -292,11 +293,13 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     centres[:, list(spec.region.categorical)] = levels_of
     centres = centres[spec.region.feasible(centres)]
     points = spec.region.sample(PROBES, generator(spec.seed, 0, "spread"))
-    # Ids far beyond any campaign's: their occasions are no run's.
-    last, each = 2**31 - 1, PROBE_WORLDS * OCCASIONS
+    each = PROBE_WORLDS * OCCASIONS
     tasks = [
-        replace(task_of(spec, last - i, setting), world=last - i // OCCASIONS)
-        for i, setting in enumerate(np.repeat(np.array(spec.region.decode(points)), each))
+        task
+        for i, setting in enumerate(spec.region.decode(points))
+        for task in bundle_tasks(
+            spec, setting, worlds=range(PROBE_WORLDS * i, PROBE_WORLDS * (i + 1)), key=lambda number: 2**31 - 1 - number
+        )
     ]
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
@@ -323,7 +326,8 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
         noise = math.sqrt(ground.variance)
         of_mean = ground.sd_ground**2 / PROBE_WORLDS + ground.sd_chance**2 / each
         over = float(np.var(scores[:, :, k].mean(axis=1), ddof=1)) - of_mean
-        found.append(_Scatter(noise, ground.share, df, source, math.sqrt(max(over, (0.5 * noise) ** 2))))
+        spread = math.sqrt(max(over, (0.5 * noise) ** 2))
+        found.append(_Scatter(noise, ground.share, df, source, spread, float(scores[:, :, k].mean())))
     return found, seconds, tuple(notes)
 
 
@@ -340,24 +344,26 @@ def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, 
     return analyses, list(looks.values())
 
 
-def _surfaces(
-    spec: CampaignSpec, application: ApplicationSpec, noise: float, spread: float, analysis: Analysis | None
-) -> Surfaces:
+def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter, analysis: Analysis | None) -> Surfaces:
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
-    prior = application.prior
-    if analysis is not None and spec.model.response == "identity" and analysis.fit.s > 0.0:
+    prior, noise, spread, level = application.prior, found.noise, found.spread, found.level
+    logit = spec.model.response == "logit"
+    if analysis is not None and analysis.fit.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
-        return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source)
+        return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source, logit)
     if np.isfinite(spread):
         source = "random quadratics with the variation over the region of these simulations"
     elif prior is not None and prior.utility is not None:
         low, high = prior.utility
-        spread = float((high - low) / (2.0 * ndtri(0.5 + 0.5 * prior.probability)))
+        spread, level = float((high - low) / (2.0 * ndtri(0.5 + 0.5 * prior.probability))), 0.5 * (low + high)
         noise = prior.repeat_sd or 0.1 * (high - low)
         source = "random quadratics with the variation over the region given by [application.prior]"
     else:
         noise = noise if np.isfinite(noise) else 1.0
         spread = ASSUMED_SPREAD * noise
         source = f"random quadratics varying over the region {ASSUMED_SPREAD:g} times as much as a run (assumed)"
-    return random_surfaces(spec.region, noise, spread, source, spec.seed)
+    # Without a level half-widths are in standard deviations of a run, on the scale of the fit.
+    return random_surfaces(
+        spec.region, noise, spread, source, spec.seed, level if logit and math.isfinite(level) else None
+    )

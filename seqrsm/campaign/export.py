@@ -12,8 +12,8 @@ from pathlib import Path
 
 from seqrsm import __version__
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.errors import StoreError, UserError
-from seqrsm.files import put
+from seqrsm.errors import StoreError
+from seqrsm.files import put, see_free
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
@@ -33,7 +33,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     Raises
     ------
     UserError
-        Another suffix, or a folder that cannot be written.
+        Another suffix, a file that exists with other content, or a folder that cannot be written.
     """
     target = Path(path)
     if target.suffix == ".json":
@@ -41,17 +41,20 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     elif target.suffix == ".csv":
         header, rows = run_rows(store.runs(), spec)
         texts = {target: csv_text(_with_units(header, spec), rows)}
-        for kind, made in KEPT.items():
+        for kind, record in KEPT.items():
             records = getattr(store, kind)()
             if kind == "rankings" and not records:
                 continue  # few campaigns have any
-            names = [column.name for column in fields(made)]
+            names = [column.name for column in fields(record)]
             texts[target.with_suffix(f".{kind}.csv")] = csv_text(names, [astuple(record) for record in records])
     else:
         raise StoreError("unknown kind of export", "Name a .csv or .json file.", file=str(target))
-    for file, text in texts.items():
-        put(file, text.encode("utf-8"))
-    return tuple(texts)
+    made = {file: text.encode("utf-8") for file, text in texts.items()}
+    # One that was cut short goes on.
+    see_free(*(file for file, data in made.items() if not (file.is_file() and file.read_bytes() == data)))
+    for file, data in made.items():
+        put(file, data)
+    return tuple(made)
 
 
 def _json_text(store: Store, spec: CampaignSpec) -> str:
@@ -62,6 +65,8 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "spec_hash": spec.spec_hash,
         "campaign_toml": without_store((spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig")),
         "factors": [{"name": factor.name, "unit": factor.unit} for factor in spec.factors],
+        "applications": [{"name": one.name, "unit": one.score_unit} for one in spec.applications],
+        "cost_unit": spec.cost.unit,
         **{kind: [asdict(record) for record in getattr(store, kind)()] for kind in ("runs", *KEPT)},
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -80,6 +85,7 @@ def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], 
         column.name for column in fields(RunRecord) if column.name not in ("run_id", "proposed", "executed", "scores")
     ]
     proposed_names = [f"proposed_{name}" for name in factor_names]
+    units = {one.name: one.score_unit for one in spec.applications}
     nothing: tuple[ScoreRecord | None, ...] = (None,)
     rows: list[list[object]] = []
     for run in runs:
@@ -88,10 +94,12 @@ def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], 
             row += [None if score is None else getattr(score, name) for name in score_names]
             row += [run.proposed.get(name) for name in factor_names]
             row += [getattr(run, name) for name in run_names]
+            row.append(None if score is None else units.get(score.application))
             rows.append(row)
     header = ["run_id", *factor_names, *score_names, *proposed_names]
     if block is not None and block not in (*header, *run_names):
         run_names[run_names.index("block")] = block
+    run_names.append("score_unit")
     return header + [f"run_{name}" if name in header else name for name in run_names], rows
 
 
@@ -162,6 +170,5 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
         The file exists, or cannot be written.
     """
     header, rows = form_rows(spec, runs)
-    if path.exists():
-        raise UserError("the file exists already", "Name a new file.", file=str(path))
+    see_free(path)
     put(path, csv_text(_with_units(header, spec), rows).encode("utf-8"))

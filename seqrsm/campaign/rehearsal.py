@@ -54,7 +54,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         Too few scores to know anything yet.
     """
     analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
-    spec = _plain(campaign.spec)
+    spec = _plain(campaign.spec, counts=bool(np.isfinite(analysis.scale.trials)))
     draws = draw_coefficients(campaign.spec, analysis.fitted, sampler="exact", n_draws=2000)
     ended = []
     for i in range(n_campaigns):
@@ -66,10 +66,11 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     return _summary(campaign.spec, analysis, draws, ended)
 
 
-def _plain(spec: CampaignSpec) -> CampaignSpec:
-    """The first application alone, its scores normal and of equal weight, in no blocks."""
+def _plain(spec: CampaignSpec, *, counts: bool) -> CampaignSpec:
+    """The first application alone, its scores normal and of equal weight unless they are counts, in no blocks."""
+    weights = "counts" if counts else "equal"
     model = spec.model.model_copy(
-        update={"errors": "normal", "weights": "equal", "block": None, "block_effect": "fixed"}
+        update={"errors": "normal", "weights": weights, "block": None, "block_effect": "fixed"}
     )
     return replace(spec, applications=spec.applications[:1], considerations=(), model=model, simulator=None)
 
@@ -165,24 +166,30 @@ def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunReco
 def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> dict[str, float]:
     """How one campaign on one truth ends: whether it stops, runs, loss, and by interval the share that it covers."""
     name, limits, unlimited = spec.applications[0].name, spec.applications[0].score_limits, known.scale.to_score
+    trials = round(known.scale.trials) if np.isfinite(known.scale.trials) else None
 
-    def to_score(values: FloatArray) -> FloatArray:
-        return np.clip(unlimited(values), *limits)
+    def to_score(values: FloatArray, runs: float = np.inf) -> FloatArray:
+        return np.clip(unlimited(values, runs), *limits)
 
     def score(points: FloatArray) -> list[NewScore]:
         values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
         # The rule asks whether the optimum beats a guess, where that was simulated.
-        return [NewScore(name, float(one), metadata={"guess": known.data.guess}) for one in to_score(values)]
+        of_guess = {"guess": known.data.guess}
+        scores = [float(one) for one in to_score(values, 1.0)]
+        if trials is None:
+            return [NewScore(name, one, metadata=of_guess) for one in scores]
+        counted = [round(one * trials / 100.0) for one in scores]
+        return [NewScore(name, 100.0 * n / trials, n=trials, correct=n, metadata=of_guess) for n in counted]
 
     analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
     best = analysis.optimum
     at = best.point[None, :]
     mean, sd = truth.mean(at), truth.sd(at)
-    future = to_score(mean + sd * rng.standard_normal((400, 1)))
+    future = to_score(mean + sd * rng.standard_normal((400, 1)), 1.0)
     # Flights over one ground: its part of the scatter is theirs in common.
     share = analysis.fitted.ground_share
     ground, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
-    several = np.mean(to_score(mean + sd * (np.sqrt(share) * ground + np.sqrt(1.0 - share) * chance)), axis=1)
+    several = np.mean(to_score(mean + sd * (np.sqrt(share) * ground + np.sqrt(1.0 - share) * chance), 1.0), axis=1)
     # What the ends of the scale keep from the scatter moves the mean.
     scattered = unlimited(mean + sd * ndtri((np.arange(400) + 0.5) / 400.0))
     true = unlimited(mean) + np.mean(np.clip(scattered, *limits) - scattered)
@@ -231,12 +238,13 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
     rows = [
         ("campaigns that stop before the budget", share("stopped")),
         ("runs needed, median (10 % to 90 %)", f"{middle} ({low} to {high})"),
-        ("cost, median", f"{numbers['cost_median']:g} {spec.cost.unit}".rstrip()),
         (f"coverage of the {stop_rule(spec.stop).interval_name}", share("coverage_rule")),
         ("coverage of one new run at the optimum", share("coverage_new_run")),
         ("coverage of the mean at the optimum", share("coverage_mean")),
         ("utility lost, median (95 %)", lost),
     ]
+    if spec.cost.told_unit:
+        rows.insert(2, ("cost, median", f"{numbers['cost_median']:g} {spec.cost.told_unit}"))
     quadratics = 100 * (1.0 - analysis.fitted.departure.probability)
     notes = [
         f"Surfaces are drawn from the posterior: {quadratics:.0f} % of them are quadratics. Errors are normal; "
@@ -244,7 +252,8 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
     ]
     if draws.sigma_block is not None:
         notes.append("Each rehearsed run is in its own block, with the scatter between blocks.")
-    if spec.model.weights != "equal":
-        usual = "counts of the median n" if spec.model.weights == "counts" else "the median standard error"
-        notes.append(f"All rehearsed runs scatter as expected of {usual}; their fits weigh them alike.")
+    if np.isfinite(analysis.scale.trials):
+        notes.append(f"All rehearsed runs are shares of {analysis.scale.trials:g} decisions, the median n.")
+    elif spec.model.weights == "se":
+        notes.append("All rehearsed runs scatter as expected of the median standard error.")
     return {"campaigns": len(ended), "rows": rows, "notes": notes, "numbers": numbers}

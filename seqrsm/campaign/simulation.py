@@ -6,7 +6,7 @@ import math
 import os
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -225,12 +225,19 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
 
 
 def bundle_tasks(
-    spec: CampaignSpec, settings: Mapping[str, float | str], cells: int = 0, worlds: int = N_WORLDS
+    spec: CampaignSpec,
+    settings: Mapping[str, float | str],
+    cells: int = 0,
+    worlds: Iterable[int] = range(N_WORLDS),
+    key: Callable[[int], int] = lambda number: _BUNDLE + number,
 ) -> list[SimulationTask]:
-    """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order."""
+    """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order.
+
+    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds.
+    """
     return [
-        replace(task_of(spec, _BUNDLE + OCCASIONS * w + k, settings, cells=cells), world=_BUNDLE + w)
-        for w in range(worlds)
+        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w))
+        for w in worlds
         for k in range(OCCASIONS)
     ]
 

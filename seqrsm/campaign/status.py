@@ -55,6 +55,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "level": spec.stop.level,
         "units": {factor.name: factor.unit for factor in spec.factors},
         **costs(runs),
+        "cost_unit": spec.cost.told_unit,
         "simulated_by": simulated_by(runs),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),

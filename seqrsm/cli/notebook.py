@@ -449,7 +449,7 @@ class Candidates(Sections):
     def __init__(self, result: Mapping[str, Any]) -> None:
         from seqrsm.report.sections.candidates import candidate_section
 
-        section = candidate_section(result)
+        section = candidate_section(result, every=True)
         self._result = result
         self.sections = () if section is None else (section,)
 

@@ -103,9 +103,11 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     targets = " and ".join(dict.fromkeys(f"\u00b1 {target}" for target in target_texts(spec).values()))
+    unit = spec.cost.told_unit
+    spent = f"; cost spent {''.join(cost_texts(result, unit))}" if unit else ""
     rows = [
         ["runs", states],
-        ["budget", f"{result['max_runs']} runs; cost spent {''.join(cost_texts(result, spec.cost.unit))}"],
+        ["budget", f"{result['max_runs']} runs{spent}"],
         ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:
@@ -133,7 +135,8 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    spreads = {name: spread or math.nan for name, spread in look.get("settings_spread", {}).items()}
+    known = look.get("settings_spread", {}).items()
+    spreads = {name: math.nan if spread is None else spread for name, spread in known}
     told = told_settings(spec.region, best["settings"], spreads)
     rows = [[readable(f.name), with_unit(told[f.name], f.unit)] for f in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))

@@ -7,12 +7,13 @@ bounds, and the optimum stays where it was, since the logit is monotone.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import bdtr, expit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError
 
 NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75 %
+_FEW, _COUNTS = 20.0, np.arange(64.0)  # of _FEW expected, more are counted once in 10^14 times
 
 
 def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> FloatArray:
@@ -40,15 +41,30 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Fl
     return np.where(counted, np.log((correct + 0.5) / (wrong + 0.5)), np.log(p / (1.0 - p)))
 
 
-def logit_variance(percent: FloatArray, *, count: float | None = None) -> FloatArray:
-    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or of 1 point.
+def logit_variance(percent: FloatArray, *, count: FloatArray | float | None = None) -> FloatArray:
+    """Variance of the logit of a score expected at ``percent`` [%], by count or of 1 point.
 
-    Scores without a count have equal variance on the percent scale, (1 point)^2: 0.01^2 / (p (1 - p))^2 here, so that
-    those near 0 and 100 weigh little.
+    Of the empirical logit of a ``count`` the sum over what may be counted, where up to 20 decisions of the rarer kind
+    are expected: with few the delta method errs by a fifth, and by half a decision or less severalfold. Above, its
+    second-order term suffices. Half a decision of either kind is expected at least.
+
+    Scores without a count have equal variance on the percent scale, (1 point)^2: by the delta method
+    0.01^2 / (p (1 - p))^2, so that those near 0 and 100 weigh little.
     """
-    p = clip_percent(percent) / 100.0
     if count is not None:
-        return np.asarray(1.0 / (count * p + 0.5) + 1.0 / (count * (1.0 - p) + 0.5))
+        n, p = np.broadcast_arrays(np.maximum(np.rint(count), 1.0), np.asarray(percent, dtype=np.float64) / 100.0)
+        rare = np.maximum(np.minimum(p, 1.0 - p), 0.5 / n)
+        first = 1.0 / (n * rare * (1.0 - rare))
+        found = first * (1.0 + 0.5 * first * np.square(1.0 - 2.0 * rare))
+        few = n * rare <= _FEW
+        n, rare = n[few][:, None], rare[few][:, None]
+        counts = np.minimum(_COUNTS, n)
+        shares = np.diff(bdtr(counts, n.astype(np.int64), rare), prepend=0.0, axis=1)
+        logits = np.log((counts + 0.5) / (n - counts + 0.5))
+        mean = np.sum(shares * logits, axis=1, keepdims=True)
+        found[few] = np.sum(shares * np.square(logits - mean), axis=1)
+        return np.asarray(found)
+    p = clip_percent(percent) / 100.0
     return np.asarray(np.square(0.01 / (p * (1.0 - p))))
 
 

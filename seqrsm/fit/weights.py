@@ -62,7 +62,7 @@ def unbiased_logits(
     percent : ndarray (n,)
         Scores [%].
     relative : ndarray (n,)
-        Variance of each score relative to that of a typical one.
+        Variance of each score relative to that of a typical one; beside that of its decisions, where scores are counts.
     trials : ndarray (n,), optional
         Decisions behind each score, where scores are counts.
     """
@@ -71,12 +71,11 @@ def unbiased_logits(
     if len(percent) <= Z.shape[1]:
         return values, expected
     for _ in range(2 * _ROUNDS):
-        root = 1.0 / np.sqrt(logit_variance(expected) * relative)
+        root = 1.0 / np.sqrt(logit_variance(expected, count=trials) * relative)
         expected = clip_percent(logit_to_percent(Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]))
-        variance = _scatter(Z, percent, expected, relative) * relative
-        if trials is not None:
-            variance = np.maximum(variance - share_variance(expected, trials), 0.0)
-        values = scored - (_mean_logit(expected, np.sqrt(variance)) - logit_scores(expected))
+        each, binomial = (relative, 0.0) if trials is None else (share_variance(expected, trials), 1.0)
+        beyond = max(_scatter(Z, percent, expected, each) - binomial, 0.0)
+        values = scored - (_mean_logit(expected, np.sqrt(beyond * each)) - logit_scores(expected))
     return values, expected
 
 

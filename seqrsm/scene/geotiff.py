@@ -122,7 +122,9 @@ def _read(file: str, layer: str, band: int | None) -> tuple[AnyArray, dict[int, 
     except SceneError:
         raise
     except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
-        raise SceneError(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file=file) from error
+        command = f"gdal_translate -a_srs EPSG:32631 {file} converted.tif"
+        remedy = f"Convert it, with the code of its own coordinate system, for instance: {command}"
+        raise SceneError(f"not a readable GeoTIFF: {error}", remedy, file=file) from error
 
 
 def _check_units(raster: Raster, keys: Mapping[int, int], vertical: str, layer: str, file: str) -> None:

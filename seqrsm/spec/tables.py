@@ -284,6 +284,11 @@ class CostSpec(Table):
     simulation: NotNegative = 1.0
     flight: NotNegative = 1.0
 
+    @property
+    def told_unit(self) -> str:
+        """Unit wherever a cost is told; "" where nothing is stated: a run is the unit then, and costs are not told."""
+        return self.unit or ("" if self.simulation == self.flight == 1.0 else "units")
+
     def of(self, source: str) -> float:
         """Of one run from this source: a measurement that is no simulation counts as a flight."""
         return self.simulation if source == "simulation" else self.flight

@@ -109,6 +109,13 @@ def test_words(tmp_path) -> None:
     call("--factors", 2, "--runs", 8, "--csv", tmp_path / "no" / "d.csv", code=2)
 
 
+def test_a_file_that_is_there_stays(tmp_path) -> None:
+    (tmp_path / "d.csv").write_text("mine")
+    told = call("--factors", 2, "--runs", 8, "--csv", tmp_path / "d.csv", code=2).stderr
+    assert "d.csv: the file exists already" in told
+    assert (tmp_path / "d.csv").read_text() == "mine"
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [

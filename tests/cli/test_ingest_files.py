@@ -62,8 +62,10 @@ class Folder:
         return self.call("ingest", self.write(content, name), *options, code=code)
 
     def document(self) -> dict[str, Any]:
-        self.call("export", self.path / "all.json")
-        found: dict[str, Any] = json.loads((self.path / "all.json").read_text(encoding="utf-8"))
+        file = self.path / "all.json"
+        file.unlink(missing_ok=True)
+        self.call("export", file)
+        found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         return found
 
     def runs(self) -> list[dict[str, Any]]:

@@ -288,6 +288,13 @@ def test_a_closed_pipe_is_no_error(command: str, stream: str) -> None:
 
 def test_a_cost_is_told_in_its_unit(tmp_path: Path) -> None:
     folder = make(tmp_path / "c", X, quadratic(), '[model]\norder = 1\n[cost]\nunit = "kEUR"\nflight = 12.5\n')
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    for stated in ("flight = 12.5", ""):
+        (folder / "campaign.toml").write_text(text.replace('unit = "kEUR"\nflight = 12.5', stated), encoding="utf-8")
+        for command, cost in (("check", "cost 1000 units"), ("status", "cost spent 300 units")):
+            told = CliRunner().invoke(app, [command, str(folder)]).stdout.replace("\u00a0", " ")
+            assert cost in told if stated else "cost" not in told
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
     for command, says in (("check", "cost 1000 kEUR"), ("status", "cost spent 300 kEUR"), ("rehearse", "kEUR")):
         more = ("--campaigns", "10") if command == "rehearse" else ()
         told = CliRunner().invoke(app, [command, str(folder), *more]).stdout.replace("\u00a0", " ")

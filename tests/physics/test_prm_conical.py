@@ -68,6 +68,20 @@ def test_a_wall_hides_the_ground_behind_it_as_far_as_its_height_goes_at_that_ang
     assert (found.blocked == expected).all()
 
 
+@pytest.mark.parametrize("step_m", [20.0, 200.0, 400.0])
+def test_ground_that_height_moves_beyond_the_scan_is_in_no_footprint(step_m: float) -> None:
+    """It was in the last one, however far: at 75 deg 200 m of height move a place by 746 m."""
+    z = np.zeros((60, 80))
+    z[:, 40:] = step_m
+    r = radiometer(conical_incidence_deg=75.0, heading_deg=0.0, resolution_m=10.0, scan_period_s=0.2)
+    found = image(scene(z), r, Table((0.8,)))
+    assert not found.blocked.any()  # the step is along the view
+    height, above = 1000.0 - z.mean(), z - z.mean()
+    north = 10.0 * (29.5 - np.arange(60))[:, None] + above * height / (height - above) * math.tan(math.radians(75.0))
+    end = 300.0 + 0.5 * r.footprint_m[0]
+    np.testing.assert_array_equal(found.pixel_of_cell < 0, np.abs(north) > end)
+
+
 def half_power_m(r: RadiometerConfiguration, cell_m: float, axis: int) -> float:
     """Width of a footprint's response to an edge that is moved over the scene, by its derivative [m]."""
     n = 2 * round(3.5 * r.footprint_m[0] / cell_m / 2) + 1

@@ -282,7 +282,7 @@ def look_of(analysis: Analysis, number: int, at: str) -> LookRecord:
         "optimum": {
             "settings": best.settings,
             "mean": best.mean,
-            "confidence": {"half_width": best.confidence.half_width},
+            "confidence": {"low": best.confidence.low, "high": best.confidence.high},
             "prediction": {"half_width": best.prediction.half_width},
         },
     }

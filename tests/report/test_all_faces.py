@@ -392,18 +392,23 @@ def test_candidates_of_scores_between_0_and_1_are_told_apart() -> None:
     assert [cell.text for cell in cells[2:5]] == ["0.204", "\u22120.207", "\u22120.214 to \u22120.199"]
 
 
-def test_more_candidates_than_a_page_holds_are_drawn_in_parts_on_one_scale() -> None:
+def test_a_report_tells_of_the_likeliest_candidates_and_how_many_others_there_are() -> None:
+    """Sixty filled four pages; the terminal lists all."""
     rows = [COMPARED["candidates"][0] | {"name": f"sensor {k}", "difference": -0.1 * k} for k in range(62)]
-    rows[61] = rows[61] | {"one_ground": {"low": -40.0, "high": 3.0}}
-    section = candidate_section({"applications": {"crops": {**COMPARED, "candidates": rows}}})
+    rows += [COMPARED["candidates"][1] | {"name": f"fine {k}"} for k in range(23)]
+    measured = {"applications": {"crops": {**COMPARED, "candidates": rows}}}
+    section, whole = candidate_section(measured), candidate_section(measured, every=True)
     assert section is not None
-    panels = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
-    assert [len(panel.data().rows) for panel in panels] == [9, 9, 9, 9, 9, 9, 8]
-    assert panels[1].title == "Candidates 10 to 18 of 62 against the optimum, crops"
-    assert "min-width:501px" in svg_for_html(panels[1].svg, "a")  # it scrolls in a narrow window and does not shrink
+    assert whole is not None
+    (panel,) = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
+    assert [row[0] for row in panel.data().rows] == [f"sensor {k}" for k in range(20)]
+    assert "min-width:501px" in svg_for_html(panel.svg, "a")  # it scrolls in a narrow window and does not shrink
     assert "min-width" not in svg_for_html('<svg width="208.8pt"></svg>', "a")
-    assert len({panel.name for panel in panels}) == 7
-    assert all("\u221240" in panel.svg for panel in panels)
+    assert {len(block.rows) for block in section.blocks if isinstance(block, Table)} == {20}
+    assert {len(block.rows) for block in whole.blocks if isinstance(block, Table)} == {62}
+    told = " ".join(of_blocks(section.blocks, terminal=True))
+    assert "Candidates not shown here: 42 less likely to suffice and 3 not evaluated; " in told
+    assert "not shown here" not in " ".join(of_blocks(whole.blocks, terminal=True))
 
 
 BY_REPORT = {

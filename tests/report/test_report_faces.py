@@ -22,7 +22,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.surfaces import surface_of
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.plain import counted
-from seqrsm.report import write_report
+from seqrsm.report import wording, write_report
 from seqrsm.report.blocks import (
     Cell,
     Column,
@@ -38,8 +38,11 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.content import build_report
+from seqrsm.report.figures.files import named_panels
+from seqrsm.report.figures.fit import look_data, paint_mean_history, read_looks
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
+from seqrsm.report.rounding import NOTHING
 from seqrsm.report.sections.compromise import _paint_front
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.model import importance_section
@@ -466,3 +469,28 @@ def test_columns_are_sorted_by_their_numbers_not_by_what_is_shown() -> None:
     keys = [float(key) for key in re.findall(r'data-value="([^"]*)"', page)]
     assert keys == pytest.approx(values, rel=1e-9)
     assert len(set(keys)) == 3
+
+
+def test_the_history_draws_the_intervals_that_were_told(simulated):
+    """Those of logits, and those that selection bias widens, are not symmetric about the mean."""
+    from matplotlib.figure import Figure
+
+    analysis = simulated.analyses[0]
+    looks = read_looks(simulated.looks, analysis.application)
+    ends = [(look.mean - 6.0, look.mean + 1.0 + i) for i, look in enumerate(looks)]
+    looks = tuple(dataclasses.replace(look, confidence=pair) for look, pair in zip(looks, ends, strict=True))
+    axes = Figure().subplots()
+    paint_mean_history(analysis, looks, axes)
+    drawn = axes.collections[0].get_paths()[0].vertices
+    for look in looks:
+        band = drawn[drawn[:, 0] == look.n_runs, 1]
+        assert (band.min(), band.max()) == pytest.approx(look.confidence)
+    assert [row[3:5] for row in look_data(analysis, looks).rows] == ends
+
+
+def test_no_alternative_text_names_a_setting_of_a_sensor_that_is_left_out(simulated, monkeypatch):
+    monkeypatch.setattr(wording, "without_effect", lambda factors, settings: ("frequency",))
+    texts = [panel.alt for *_, panel in named_panels(build_report(simulated))]
+    found = [text for text in texts if "best at" in text or "the optimum is at" in text]
+    assert any("best at a set without it." in text for text in found)
+    assert not [text for text in found if NOTHING in text or "GHz" in text]

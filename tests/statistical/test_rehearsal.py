@@ -151,7 +151,7 @@ def test_the_first_look_forecasts_what_campaigns_reach(tmp_path: Path) -> None:
 def test_the_first_application_alone_is_rehearsed(tmp_path: Path) -> None:
     spec, _ = known(tmp_path, hill)
     other = spec.applications[0].model_copy(update={"name": "other"})
-    plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)))
+    plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)), counts=False)
     assert [one.name for one in plain.applications] == ["score"]
     assert plain.considerations == ()
 
@@ -223,3 +223,32 @@ def test_a_campaign_that_may_be_no_better_than_a_guess_does_not_stop_in_rehearsa
         data = replace(analysis.data, guess=guess)
         numbers = rehearsed(spec, replace(analysis, fitted=replace(analysis.fitted, data=data)), 4)[0]["numbers"]
         assert (numbers["stopped"] > 0.4) is stopped
+
+
+@pytest.mark.parametrize("response", ["identity", "logit"])
+def test_counts_are_rehearsed_as_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, response: str) -> None:
+    """Runs of 96 percent scatter less than runs of 60, in rehearsed scores and for their fits: by p (1 - p) / n."""
+    spec, _ = known(tmp_path, hill)
+    percent = spec.applications[0].model_copy(update={"utility": "percent_correct"})
+    percent.model_post_init(None)
+    counts = spec.model.model_copy(update={"weights": "counts", "response": response})
+    spec = replace(spec, applications=(percent,), model=counts)
+    rng = np.random.default_rng(4)
+    at = spec.region.sample(40, rng)
+    correct = rng.binomial(150, (96.0 - 20.0 * at[:, 0] ** 2 - 16.0 * at[:, 1] ** 2) / 100.0)
+    runs = [
+        rehearsal.scored_run(i, 1, NewRun(one, "", "", "flight"), NewScore("score", n / 1.5, n=150, correct=int(n)))
+        for i, (one, n) in enumerate(zip(spec.region.decode(at), correct, strict=True))
+    ]
+    made: list[tuple[Analysis, list[RunRecord]]] = []
+    whole = rehearsal.make_campaign
+    monkeypatch.setattr(rehearsal, "make_campaign", lambda *of, **more: made.append(whole(*of, **more)) or made[-1])
+    numbers = rehearsed(spec, analyse(spec, spec.applications[0], runs, n_draws=500), 3)[0]["numbers"]
+    assert numbers["coverage_new_run"] > 0.85
+    for analysis, done in made:
+        assert {score.n for run in done for score in run.scores} == {150}
+        p = analysis.scale.to_score(analysis.fit.y - analysis.fit.residuals) / 100.0
+        each = p * (1.0 - p) if response == "identity" else 1.0 / (p * (1.0 - p))
+        expected = (1.0 / each) / np.mean(1.0 / each)
+        np.testing.assert_allclose(analysis.fit.weights, expected, rtol=0.12)
+        assert np.ptp(expected) > 1.0

@@ -28,6 +28,7 @@ levels = ["=1+1", "plain"]
 [[application]]
 name = "a"
 utility = "measured"
+unit = "dB"
 [[application]]
 name = "b"
 utility = "measured"
@@ -71,6 +72,7 @@ def test_csv_has_a_row_for_each_score(filled):
     paths = export(store, spec, folder / "all.csv")
     assert [path.name for path in paths] == ["all.csv", "all.looks.csv", "all.events.csv", "all.files.csv"]
     first, second, third = rows(paths[0])
+    assert (first["score_unit"], third["score_unit"]) == ("dB", "")
     assert (first["run_id"], second["run_id"], third["run_id"]) == ("1", "1", "2")
     assert float(first["score"]) == 0.1 + 0.2
     assert (first["application"], second["application"], third["score"], third["state"]) == ("a", "b", "", "void")
@@ -131,3 +133,13 @@ def test_unknown_kind_and_unwritable_place(filled):
     with pytest.raises(UserError, match="cannot be written"):
         export(store, spec, folder / "absent" / "all.json")
     assert not list(folder.glob("*.draft"))
+
+
+@pytest.mark.parametrize("name", ["all.csv", "all.json", "all.events.csv"])
+def test_nothing_that_is_there_already_is_overwritten(filled, name):
+    store, spec, folder = filled
+    (folder / name).write_text("mine")
+    with pytest.raises(UserError, match=f"{name}: the file exists already. Name a new file"):
+        export(store, spec, folder / name.replace(".events", ""))
+    assert (folder / name).read_text() == "mine"
+    assert len(list(folder.glob("all*"))) == 1

@@ -86,7 +86,7 @@ def difference(name: str) -> dict[str, Any]:
     """
     spec = load_spec(ROOT / "campaigns" / name)
     points = spec.region.sample(SETTINGS, np.random.default_rng(5))
-    tasks = [task for one in spec.region.decode(points) for task in bundle_tasks(spec, one, 0, GROUNDS)]
+    tasks = [task for one in spec.region.decode(points) for task in bundle_tasks(spec, one, 0, range(GROUNDS))]
     scores = np.reshape([carry_out(task).scores[0].score for task in tasks], (SETTINGS, GROUNDS, -1))
     model = QuadraticModel(spec.factors)
     order, Z = np.array([ORDERS[term.kind] for term in model.terms]), model.matrix(points)

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.campaign.budget import Budget, Plan, Surfaces, random_surfaces, way_out
+from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
 from seqrsm.cli.app import app
 from seqrsm.decide.stopping import StopRule
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -43,6 +44,36 @@ def test_many_runs_leave_the_scatter_of_one() -> None:
     plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=600), random_surfaces(REGION, 2.0, 6.0, "", 1))
     floor = 2.0 * student.ppf(0.975, 594)
     assert floor * 0.97 < plans[0].half_width < floor * 1.03
+
+
+def test_surfaces_of_logits_stay_below_100_percent_and_tell_their_scatter_there() -> None:
+    """Drawn as on the score scale half of them were above 100 percent somewhere; scores scatter alike in percent."""
+    known = random_surfaces(REGION, 0.5, 6.0, "", 1, level=93.0)
+    at = REGION.sample(4000, np.random.default_rng(5))
+    scores = 100.0 / (1.0 + np.exp(-known.model.matrix(at) @ known.coefficients.T))
+    np.testing.assert_allclose(known.scores(known.model.matrix(at) @ known.coefficients.T), scores)
+    np.testing.assert_allclose(scores.std(axis=0), 6.0, rtol=0.2)
+    assert 85.0 < np.median(scores) < 97.0
+    plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=600), known)
+    assert plans[0].half_width == pytest.approx(0.5 * student.ppf(0.975, 594), rel=0.03)
+    assert 0.0 <= plans[0].loss < 0.05
+
+
+def test_a_plan_of_logits_is_as_weighted_least_squares_are() -> None:
+    """Of one truth: the confidence interval by statsmodels' weights, in percent by the slope at the optimum."""
+    model, beta = QuadraticModel(REGION.factors, 1), np.array([2.0, 0.9, 0.4])
+    known = Surfaces(model, np.tile(beta, (200, 1)), 1.0, "", logit=True)
+    rule = StopRule(interval="confidence", half_width=1.0, max_runs=9)
+    budget = Budget(REGION, 1, "maximize", rule, known, REGION.centre(), 1)
+    Z = model.matrix(budget._cloud)
+    rows = _greedy(Z, 9)
+    slope = lambda eta: 100.0 / (2.0 + np.exp(eta) + np.exp(-eta))  # noqa: E731
+    theirs = sm.WLS(np.arange(9.0), Z[rows], weights=slope(Z[rows] @ beta) ** 2).fit()
+    best = np.array([1.0, 1.0, 1.0])
+    h = best @ theirs.normalized_cov_params @ best
+    s = np.sqrt(np.median(np.random.default_rng(0).chisquare(6, 100_000)) / 6)
+    expected = student.ppf(0.975, 6) * s * np.sqrt(h) * slope(best @ beta)
+    assert budget.by_runs([9], 1, (0, 1))[0].half_width == pytest.approx(expected, rel=0.15)
 
 
 def test_a_plane_is_as_the_formula_says() -> None:
@@ -171,6 +202,8 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     assert done.exit_code == 0, done.output
     found = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
     assert found["noise"] == pytest.approx(np.sqrt(96.0 * 4.0 / 400.0) if counts else 0.8, rel=0.2)
+    assert found["surfaces"].startswith("quadratics drawn from the posterior of the 140 scores")
+    assert found["plans"][0]["half_width"] == pytest.approx(1.97 * found["noise"], rel=0.1)  # 200 runs, one foretold
 
 
 _TOP = 90.0

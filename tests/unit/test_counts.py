@@ -154,3 +154,26 @@ def test_decisions_that_go_together_do_not_raise_the_logit():
         covered.append((ends.low <= beta) & (beta <= ends.high))
     assert np.abs(np.mean(off, axis=0)).max() < 0.1
     assert np.mean(covered) > 0.93
+
+
+@pytest.mark.parametrize("top", [98.0, 99.0])
+def test_a_quadratic_of_counts_is_not_refuted(top):
+    """Lack of fit of 500 campaigns on quadratics in logits, 100 decisions a run: 5 %, or 2 more where few are wrong.
+
+    Weights by what a quadratic in percent expects refuted 17 % at 98 % and 19 % at 99 %.
+    """
+    rng, k = np.random.default_rng(3), (-1.0, 0.0, 1.0)
+    cross = [(a, b) for a in k for b in k]
+    points = np.array([*cross, *cross, *[(0.0, 0.0)] * 3, (0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])
+    a, b = points.T
+    Z, n = np.column_stack([np.ones(25), a, b, a * b, a * a, b * b]), np.full(25, 100.0)
+    p = 1.0 / (1.0 + np.exp(-(Z @ [np.log(top / (100.0 - top)), 0.0, 0.0, 0.0, -1.5, -1.5])))
+    refuted, dispersion = [], []
+    for _ in range(500):
+        scale = ResponseScale.of_counts("logit", 1.0 * rng.binomial(100, p), n, Z)
+        names = ["1", "a", "b", "ab", "aa", "bb"]
+        fit = fit_least_squares(Z, scale.values, names, weights=scale.weights, setting_ids=[tuple(x) for x in points])
+        refuted.append(fit.lack_of_fit().p < 0.05)
+        dispersion.append(fit.s**2 / scale.variance_unit)
+    assert np.mean(refuted) < 0.10  # standard error 0.01
+    assert np.mean(dispersion) == pytest.approx(1.0, abs=0.06)

@@ -164,6 +164,15 @@ def test_files_that_are_no_rasters(files, tmp_path):
         import_scene(bad, files["cover"], files["legend"])
 
 
+def test_an_ascii_grid_is_told_how_to_be_converted(files, tmp_path):
+    """It names no coordinate system: the command does."""
+    grid = tmp_path / "heights.asc"
+    grid.write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n")
+    words = r"Convert it, .* gdal_translate -a_srs EPSG:32631 .*heights\.asc converted\.tif"
+    with pytest.raises(SceneError, match=words):
+        import_scene(grid, files["cover"], files["legend"])
+
+
 def test_a_file_that_holds_little_of_its_raster_is_refused_at_once(files, tmp_path):
     """A damaged height of 16 million rows took 15 s to fill with nothing, and was a scene then."""
     tall = write(tmp_path / "tall.tif", np.ones((60, 60), np.uint8), 5.0)

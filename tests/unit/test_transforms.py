@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.special import expit
+from scipy.stats import binom
 
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.errors import FitError
@@ -22,7 +23,6 @@ def test_there_and_back() -> None:
 def test_counts_give_the_empirical_logit() -> None:
     scores = logit_scores(np.array([0.0, 100.0, 80.0]), counts=np.array([10.0, 10.0, 50.0]))
     np.testing.assert_allclose(scores, np.log([0.5 / 10.5, 10.5 / 0.5, 40.5 / 10.5]), rtol=1e-14)
-    assert logit_variance(np.array([80.0]), count=50.0)[0] == pytest.approx(1 / 40.5 + 1 / 10.5, rel=1e-13)
 
 
 def test_ends_without_counts_are_finite_and_light() -> None:
@@ -40,16 +40,29 @@ def test_known_and_unknown_precision_mix() -> None:
     scores = logit_scores(np.array([60.0, 60.0]), counts=np.array([np.nan, 100.0]))
     np.testing.assert_allclose(scores, np.log([60.0 / 40.0, 60.5 / 40.5]), rtol=1e-14)
     assert logit_variance(np.array([60.0]))[0] == pytest.approx((0.01 / 0.24) ** 2, rel=1e-13)
-    assert logit_variance(np.array([60.0]), count=100.0)[0] == pytest.approx(1 / 60.5 + 1 / 40.5, rel=1e-13)
+
+
+@pytest.mark.parametrize("n", [10, 100, 401, 5000])
+@pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0, 5.0, 19.9, 20.1, 80.0])
+def test_variance_of_an_empirical_logit_is_that_over_all_counts(n: int, wrong: float) -> None:
+    """1 / (correct + 1/2) + 1 / (wrong + 1/2) tells 2.6 times as much where 1/2 is expected, of 5 a fifth less."""
+    if wrong > 0.5 * n:
+        return
+    counts = np.arange(n + 1)
+    shares, logits = binom.pmf(counts, n, 1.0 - wrong / n), np.log((counts + 0.5) / (n - counts + 0.5))
+    true = shares @ np.square(logits) - (shares @ logits) ** 2
+    ends = logit_variance(100.0 * np.array([wrong / n, 1.0 - wrong / n]), count=np.array([n, n]))
+    np.testing.assert_allclose(ends, true, rtol=4e-3)
+
+
+def test_variance_of_counts_knows_no_certainty() -> None:
+    ends = logit_variance(np.array([0.0, 2.0, 98.0, 100.0]), count=25.0)
+    np.testing.assert_allclose(ends, ends[1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("p", [0.2, 0.5, 0.9])
-def test_variances_against_monte_carlo(p: float) -> None:
+def test_variance_of_a_point_against_monte_carlo(p: float) -> None:
     rng = np.random.default_rng(0)
-    correct = rng.binomial(400, p, 200_000)
-    logits = np.log((correct + 0.5) / (400 - correct + 0.5))
-    predicted = logit_variance(np.array([100 * p]), count=400.0)[0]
-    assert np.var(logits) == pytest.approx(predicted, rel=0.03)  # second-order term about 1 / (m p (1 - p))
     noisy = 100 * p + rng.normal(0, 1.0, 200_000)
     assert np.var(logit_scores(noisy)) == pytest.approx(logit_variance(np.array([100 * p]))[0], rel=0.06)
 

@@ -104,8 +104,10 @@ class Look:
         Scored runs it was based on.
     half_width : float
         Of the interval that the stop rule watches, score units; nan where it was not defined yet.
-    confidence_half_width, prediction_half_width : float
-        At the optimum of that look, score units.
+    confidence : tuple of float
+        Ends of the confidence interval of the mean at the optimum of that look, score units.
+    prediction_half_width : float
+        There, score units.
     mean : float
         Estimated score at that optimum.
     settings : Mapping
@@ -116,7 +118,7 @@ class Look:
 
     n_runs: int
     half_width: float
-    confidence_half_width: float
+    confidence: tuple[float, float]
     prediction_half_width: float
     mean: float
     settings: Mapping[str, float | str]
@@ -133,13 +135,14 @@ def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, .
         summary, best = record.summary, record.summary["optimum"]
         found = (
             summary["half_width"],
-            best["confidence"]["half_width"],
+            best["confidence"]["low"],
+            best["confidence"]["high"],
             best["prediction"]["half_width"],
             best["mean"],
         )
-        width, confidence, prediction, mean = (math.nan if number is None else number for number in found)
+        width, low, high, prediction, mean = (math.nan if number is None else number for number in found)
         looks[record.after_run] = Look(
-            record.after_run, width, confidence, prediction, mean, dict(best["settings"]), summary["held"]
+            record.after_run, width, (low, high), prediction, mean, dict(best["settings"]), summary["held"]
         )
     return tuple(looks[n] for n in sorted(looks))
 
@@ -162,8 +165,8 @@ def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, 
 def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) -> None:
     """Draw the estimated score at the optimum of every look with its confidence interval."""
     mean = np.array([look.mean for look in looks])
-    half = np.array([look.confidence_half_width for look in looks])
-    axes.fill_between(_runs(looks), mean - half, mean + half, color=drawing.BLUE, alpha=0.25, linewidth=0)
+    low, high = np.array([look.confidence for look in looks]).T
+    axes.fill_between(_runs(looks), low, high, color=drawing.BLUE, alpha=0.25, linewidth=0)
     axes.plot(_runs(looks), mean, marker="o", markersize=4, color=drawing.BLUE)
     _whole_numbers(axes.xaxis)
     axes.set_xlabel("scored runs")
@@ -179,13 +182,14 @@ def look_data(analysis: Analysis, looks: Sequence[Look]) -> PanelData:
             look.n_runs,
             look.half_width,
             look.mean,
-            look.confidence_half_width,
+            *look.confidence,
             look.prediction_half_width,
             *(look.settings.get(factor.name, "") for factor in factors),
         )
         for look in looks
     )
-    names = ("deciding half-width", "mean at the optimum", "confidence half-width", "prediction half-width")
+    intervals = ("low end of the confidence interval", "high end of the confidence interval", "prediction half-width")
+    names = ("deciding half-width", "mean at the optimum", *intervals)
     columns = ("scored runs", *(score_column(analysis, name) for name in names), *map(factor_column, factors))
     return PanelData(columns, rows)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,7 @@ from seqrsm.sensor.exchange import PROPERTIES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROWS_OF_PAGE = 20
+_MOST = 20  # told in a report: as many as a page holds
 _NAMES = {
     "frequency_ghz": "frequency", "bandwidth_mhz": "bandwidth", "resolution_range_m": "range resolution",
     "resolution_azimuth_m": "azimuth resolution", "incidence_near_deg": "near incidence",
@@ -38,22 +37,27 @@ _NAMES = {
 }  # fmt: skip
 
 
-def candidate_section(measured: Mapping[str, Any] | None) -> Section | None:
-    """Return what `seqrsm.campaign.candidates.measure_candidates` found; None where it was not run."""
+def candidate_section(measured: Mapping[str, Any] | None, *, every: bool = False) -> Section | None:
+    """Return what `seqrsm.campaign.candidates.measure_candidates` found; None where it was not run.
+
+    By default of the twenty most probable of each application, and how many others there are.
+    """
     if measured is None:
         return None
     several = len(measured["applications"]) > 1
     parts = tuple(
-        Section(f"candidates-{slug(name)}", name if several else "Candidates", tuple(_blocks(name, found)))
+        Section(f"candidates-{slug(name)}", name if several else "Candidates", tuple(_blocks(name, found, every)))
         for name, found in measured["applications"].items()
     )
     title = "Candidate sensors"
     return Section("candidates", title, (), parts) if several else Section("candidates", title, parts[0].blocks)
 
 
-def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
-    rows = found["candidates"]
-    told = [row for row in rows if row["how"] != "none"]
+def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
+    known = [row for row in found["candidates"] if row["how"] != "none"]
+    failed = [row for row in found["candidates"] if row["how"] == "none"]
+    most = len(found["candidates"]) if every else _MOST
+    told = known[:most]
     unit, level = found["unit"], level_text(found["level"])
     runs = {None: "the mean of many occasions", 1.0: "one occasion"}.get(found["runs"], "")
     runs = runs or f"the mean of {found['runs']:g} occasions"
@@ -82,7 +86,14 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit, digits))
     notes = [_note(row, digits, unit) for row in told]
-    notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in rows if row["how"] == "none"]
+    notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in failed[:most]]
+    rest = [
+        f"{len(left)} {kind}"
+        for left, kind in ((known[most:], "less likely to suffice"), (failed[most:], "not evaluated"))
+        if left
+    ]
+    if rest:
+        notes.append(f"Candidates not shown here: {listing(rest)}; `seqrsm candidates` lists all, with --json as data.")
     notes = [note for note in notes if note]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
@@ -180,24 +191,15 @@ def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
 
 
 def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
-    # More than a page holds are drawn in parts, two a page, on one scale.
-    size = len(rows) if len(rows) <= _ROWS_OF_PAGE else math.ceil(len(rows) / math.ceil(2 * len(rows) / _ROWS_OF_PAGE))
-    ends = [end for row in rows for end in _ends(row, "one_ground")]
-    span = (min(ends), max(ends)) if size < len(rows) else None
-    panels = []
-    for first in range(0, len(rows), size):
-        part = rows[first : first + size]
-        shape = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(part)}
-        alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in part)
-        places = f" {first + 1} to {first + len(part)} of {len(rows)}" if span else ""
-        title = f"Candidates{places} against the optimum, {name}"
-        paint, data = partial(_paint, part, found, span), partial(_data, part)
-        panels.append(drawing.panel(title, alt, paint, f"candidates{places} {name}", data, **shape))
+    shape = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(rows)}
+    alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
+    title, paint, data = f"Candidates against the optimum, {name}", partial(_paint, rows, found), partial(_data, rows)
+    panel = drawing.panel(title, alt, paint, f"candidates {name}", data, **shape)
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "(thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
-    return FigureBlock(lambda: tuple(panels), under, columns=1)
+    return FigureBlock(lambda: (panel,), under, columns=1)
 
 
 def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
@@ -210,9 +212,7 @@ def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
     )
 
 
-def _paint(
-    rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], span: tuple[float, float] | None, axes: Axes
-) -> None:
+def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], axes: Axes) -> None:
     for k, row in enumerate(reversed(rows)):
         axes.plot(_ends(row, "one_ground"), (k, k), color=drawing.MUTED, linewidth=1.0)
         axes.plot(_ends(row), (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")
@@ -222,7 +222,5 @@ def _paint(
     axes.axvline(edge, color=drawing.ORANGE, linestyle="--", linewidth=1.0)
     axes.set_yticks(range(len(rows)), [f"{row['name']} ({format_share(row['probability'])})" for row in reversed(rows)])
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    if span is not None:
-        axes.scatter(span, (0.0, 0.0), s=0.0)
     axes.set_xlabel(heading("score minus the optimum's", found["unit"]))
     axes.grid(visible=True, axis="x")

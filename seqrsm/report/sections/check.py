@@ -16,12 +16,13 @@ from seqrsm.report.wording import with_unit
 
 def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, ...]:
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
+    cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
     items = [
         ("factors", str(result.n_factors)),
         ("model terms", str(result.n_terms)),
         ("initial design", f"{result.start_runs} runs"),
         ("minimum runs to stop", str(result.min_runs)),
-        ("budget", f"{result.max_runs} runs, cost {with_unit(format_plain(result.cost), result.cost_unit)}"),
+        ("budget", f"{result.max_runs} runs{cost}"),
     ]
     if math.isfinite(result.seconds_per_run):
         each, total = format_significant(result.seconds_per_run, 2), result.seconds_per_run * result.max_runs

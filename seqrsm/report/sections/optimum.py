@@ -52,7 +52,14 @@ from seqrsm.report.figures.surfaces import (
     ranked_factors,
     surface,
 )
-from seqrsm.report.rounding import format_around, format_number, format_plus_minus, format_share, format_significant
+from seqrsm.report.rounding import (
+    NOTHING,
+    format_around,
+    format_number,
+    format_plus_minus,
+    format_share,
+    format_significant,
+)
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
@@ -368,8 +375,14 @@ def _contour_alt(analysis: Analysis, s: Surface) -> str:
     if not np.any(np.isfinite(allowed)):
         return f"Contours over {names}: not determined by these runs."
     low, high = (score_text(analysis, float(f(allowed))) for f in (np.nanmin, np.nanmax))
-    x, y = (optimum_setting_text(analysis, analysis.region.factors[i]) for i in (s.x_index, s.y_index))
-    return f"Contours of the fitted mean score over {names}, from {low} to {high}; the optimum is at {x} and {y}."
+    best = _best(analysis, s.x_index, s.y_index)
+    return f"Contours of the fitted mean score over {names}, from {low} to {high}; the optimum is at {best}."
+
+
+def _best(analysis: Analysis, *indices: int) -> str:
+    """Recommended settings of factors, such of a member that the recommended set has not left out."""
+    told = (optimum_setting_text(analysis, analysis.region.factors[i]) for i in indices)
+    return listing([text for text in told if text != NOTHING]) or "a set without it"
 
 
 def _name(analysis: Analysis, index: int) -> str:
@@ -389,10 +402,8 @@ def _slice_panel(analysis: Analysis, here: Line, ends_of_all: tuple[float, float
     factor = analysis.region.factors[here.index]
     ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
     spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
-    alt = (
-        f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
-        f"{optimum_setting_text(analysis, factor)}."
-    )
+    best = _best(analysis, here.index)
+    alt = f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at {best}."
     paint, data = partial(paint_slice, analysis, here, ends_of_all), partial(slice_data, analysis, here)
     return drawing.panel(readable(factor.name), alt, paint, f"slice {factor.name}", data)
 

@@ -256,12 +256,11 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     return table("Each application optimized separately", columns, rows)
 
 
-def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], edge: str) -> bool:
-    """Whether there is anything beyond an edge: no whole number of dates is below 1, and no heading a higher one."""
-    name = edge.rpartition(" (")[0]
+def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], name: str) -> bool:
+    """Whether there is anything beyond a factor's end: no number of dates is below 1, and no heading a higher one."""
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
-    if parameter is None or edge.startswith("constraint "):
-        return edge.startswith("constraint ") or name not in without_effect(spec.factors, settings)
+    if parameter is None:
+        return name not in without_effect(spec.factors, settings)
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
@@ -288,7 +287,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}"
-    if edges := [edge for edge in best.at_bound if _can_widen(spec, best.settings, edge)]:
+    ends = {f"{name} ({end})": name for name in best.settings for end in ("low", "high")}  # others: constraints
+    if edges := [edge for edge in best.at_bound if edge not in ends or _can_widen(spec, best.settings, ends[edge])]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         first = " (raise [stop] max_runs first)" if decision.budget_spent else ""
@@ -335,10 +335,10 @@ def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...
     scored = [run for run in runs if run.state == "scored"]
     if not scored:
         return ()
-    text, cost = f"{capital(source_counts(scored))}.", spec.cost
-    if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
-        spent, without = cost_texts(costs(runs), cost.unit)
+    text = f"{capital(source_counts(scored))}."
+    if unit := spec.cost.told_unit:
+        spent, without = cost_texts(costs(runs), unit)
         sources = sorted({run.source for run in scored}, reverse=True)
-        each = ", ".join(f"a {source} {with_unit(format_plain(cost.of(source)), cost.unit)}" for source in sources)
+        each = ", ".join(f"a {source} {with_unit(format_plain(spec.cost.of(source)), unit)}" for source in sources)
         text += f" They cost {spent} ({each}){without}."
     return (Paragraph(text),)

@@ -508,10 +508,10 @@ def register_cells(offset: AnyArray, state: AnyArray, scan: AnyArray, footprint:
     offset : float array (n, m)
         Displacement by height [cells].
     state : uint8 array (n, m)
-    scan : float64 array (12,)
+    scan : float64 array (13,)
         Height [m], cell [m], half-power width with its smear [rad], half angle of the sweep [rad], first look angle and
         step of the footprints [rad], their number, width of the footprint at nadir [m], way between sweeps [m], number
-        of sweeps, sweeps averaged into a line, number of lines.
+        of sweeps, sweeps averaged into a line, number of lines, farthest look angle at which something is seen [rad].
     footprint : int32 array (n, m)
         Written: ``sample * n_lines + line``; -1 without data and beyond the sweep.
     coverage : int32 array (n, m)
@@ -604,8 +604,7 @@ def _footprint_row(
     look: AnyArray, line: AnyArray, state: AnyArray, scan: AnyArray, footprint: AnyArray, coverage: AnyArray
 ) -> None:
     """Number of each element's footprint, and its count of sweeps times that of the footprints of one sweep."""
-    beamwidth, half_angle, start, step, samples, n_lines = scan[2], scan[3], scan[4], scan[5], scan[6], scan[11]
-    farthest = max(start + (samples - 1.0) * step, half_angle) + 0.5 * beamwidth
+    beamwidth, start, step, samples, n_lines, farthest = scan[2], scan[4], scan[5], scan[6], scan[11], scan[12]
     for j in range(look.shape[0]):
         at = (look[j] - start) / step
         reach = 0.5 * beamwidth / step

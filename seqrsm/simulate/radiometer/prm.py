@@ -297,10 +297,12 @@ def scan_image(
     held_rad, held_m = np.array([scan.beamwidth_rad, radiometer.footprint_m[1]]) * moved
     sweep = (scan.from_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.place_rad[0], scan.step_rad)
     sampled = (len(scan.look_rad), held_m, scan.sweep_advance_m, scan.n_sweeps)
+    end_rad = edge[-1] if radiometer.conical else scan.half_angle_rad  # a cone's footprints are spread over the scene
+    farthest = max(scan.place_rad[0] + (len(scan.look_rad) - 1.0) * scan.step_rad, end_rad) + 0.5 * held_rad
     kernels_prm.register_cells(
         offset,
         state,
-        np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines], dtype=np.float64),
+        np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines, farthest], dtype=np.float64),
         footprint,
         coverage,
     )
