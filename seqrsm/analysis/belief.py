@@ -202,8 +202,8 @@ class Belief:
 
     def sd_of_run(self, point: FloatArray, reach: float = 1.0) -> float:
         """Standard deviation of a future run at a coded point (k,) in score units, from so many to either side."""
-        mean = float(self.mean(point[None, :])[0])
-        return self.surface.scale.sd_in_scores(mean, self.scatter(point)[0], reach)
+        mean, half = float(self.mean(point[None, :])[0]), reach * self.scatter(point)[0]
+        return self.surface.scale.in_scores(mean - half, mean + half).half_width / reach
 
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator

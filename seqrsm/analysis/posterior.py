@@ -130,10 +130,11 @@ def summarise_posterior(
     best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
     regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
     epsilon = 0.25 * spec.stop_of(fitted.application.name).half_width
-    tail = 0.5 * (1.0 - spec.stop.level)
+    level, prior = spec.stop.level, fitted.application.prior
+    tail = 0.5 * (1.0 - level)
+    stated = {} if draws.bounds is None or prior is None else prior.effect
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-    stop = spec.stop
-    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, stop.level, (1.0,), taken_off, draws, rng)
+    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, level, (1.0,), taken_off, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
@@ -146,14 +147,9 @@ def summarise_posterior(
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,
-        effects=() if draws.bounds is None else _effects(fitted.application, model),
+        effects=tuple(EffectBound(f.name, *stated[f.name]) for f in model.factors if f.name in stated),
         effects_probability=float("nan") if draws.share is None else draws.share,
     )
-
-
-def _effects(application: ApplicationSpec, model: QuadraticModel) -> tuple[EffectBound, ...]:
-    stated = {} if application.prior is None else application.prior.effect
-    return tuple(EffectBound(f.name, *stated[f.name]) for f in model.factors if f.name in stated)
 
 
 def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:

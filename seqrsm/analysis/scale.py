@@ -142,10 +142,6 @@ class ResponseScale:
         ends = self.to_score(np.array([low, high]), runs)
         return Interval(float(ends[0]), float(ends[1]))
 
-    def sd_in_scores(self, value: float, sd: float, reach: float = 1.0) -> float:
-        """Standard deviation of single runs about ``value`` in score units, from so many of them to either side."""
-        return self.in_scores(value - reach * sd, value + reach * sd).half_width / reach
-
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""
         counted = np.isfinite(self.trials)

@@ -47,7 +47,7 @@ from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MEASURED_GHZ
 from seqrsm.sensor.named import NamedSensor, sensors_called
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
-from seqrsm.spec.tables import ApplicationSpec, CandidateSpec
+from seqrsm.spec.tables import ApplicationSpec
 
 FILE: Final = "candidates.json"
 
@@ -92,22 +92,18 @@ def candidates_of(spec: CampaignSpec) -> list[Candidate]:
     found: dict[str, Candidate] = {}
     engine = None if spec.simulator is None else spec.simulator.engine
     for table in spec.candidates:
+        wanted = set(table.polarization.split("+"))
         if not table.sensor:
             found[table.name] = Candidate(table.name, None, "", table.parameters)
         for sensor in sensors_called(table.sensor):
             if engine not in (None, sensor.engine) or (table.sensor == "*" and not _fits(spec, sensor)):
                 continue
-            channels = _channels(sensor, table)
-            if channels:
+            same = (own for own in sensor.channels if not table.polarization or set(own.split("+")) == wanted)
+            if channels := next(same, ""):
                 more = f", {table.name}" if table.name else ""
                 name = f"{sensor.title}, {channels}{more}"
                 found[name] = Candidate(name, sensor, channels, table.parameters)
     return list(found.values())
-
-
-def _channels(sensor: NamedSensor, table: CandidateSpec) -> str:
-    wanted = set(table.polarization.split("+"))
-    return next((own for own in sensor.channels if not table.polarization or set(own.split("+")) == wanted), "")
 
 
 def _assumed(sensor: NamedSensor) -> list[str]:

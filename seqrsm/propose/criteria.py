@@ -116,7 +116,7 @@ class Spread(Greedy):
         return np.asarray(0.5 * np.log1p(self.known.weight * np.sum((rows @ self.known.C) * rows, axis=1)))
 
     def _says(self, choice: Choice) -> tuple[str, str]:
-        se = self.known.standard_error(choice.row)
+        se = np.sqrt(choice.row @ self.known.C @ choice.row)  # in units of sigma
         why = (
             f"the mean is least certain here (standard error {se:.2g} times that of a run): keeps lack of fit testable "
             "over the region"

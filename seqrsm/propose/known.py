@@ -114,10 +114,6 @@ class Known:
         extra = len(self.C) - rows.shape[1]
         return np.hstack([rows, np.zeros((len(rows), extra))]) if extra else rows
 
-    def standard_error(self, row: FloatArray) -> float:
-        """Of the mean at a model row, in units of sigma."""
-        return float(np.sqrt(row @ self.C @ row))
-
     def narrowing(self, row: FloatArray) -> str:
         """What a run at this row does to the two intervals at the estimated optimum."""
         h = float(self._z_hat @ self.C @ self._z_hat)

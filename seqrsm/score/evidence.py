@@ -229,7 +229,9 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
         pixel = seen_pixels(image)
         scan = image.scan
         half = 0.5 * scene.shape[image.quarter_turns % 2] * scene.cell_m
-        across = across_of_look(scan.place_rad, scan.from_m, half)[:, None]
+        # From the left edge of the scene, held at its edges.
+        away = scan.from_m * np.tan(np.clip(scan.place_rad, -1.5, 1.5))
+        across = (np.clip(away, -half, half) + half)[:, None]
         along = np.asarray((np.arange(n_columns) + 0.5) * scan.advance_m, dtype=np.float64)
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
@@ -448,12 +450,6 @@ def tiles(
     away = np.clip(np.floor(across_m / side_m).astype(np.int64), 0, wide - 1)
     ahead = np.clip(np.floor(along_m / side_m).astype(np.int64), 0, long - 1)
     return np.ravel(away * long + ahead), wide * long
-
-
-def across_of_look(look_rad: FloatArray, height_m: float, half_m: float) -> FloatArray:
-    """Distance of footprints from the left edge of a scene ``2 half_m`` wide [m], held at its edges."""
-    away = height_m * np.tan(np.clip(look_rad, -1.5, 1.5))
-    return np.asarray(np.clip(away, -half_m, half_m) + half_m)
 
 
 def seen_pixels(image: RadiometerImage) -> AnyArray:

@@ -220,8 +220,10 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
             _choose(item, default, one.words if len(wanted) > 1 else "")
             for one in wanted for item in one.start.ranges if item.name == name
         ]  # fmt: skip
-        if found:
-            chosen[name] = _joined(found)
+        if found:  # one range that holds those of several applications
+            low, high = min(one.low for one in found), max(one.high for one in found)
+            comments = tuple(comment for one in found for comment in one.comments)
+            chosen[name] = replace(found[0], low=low, high=high, comments=comments)
     levels, level_comments = _levels([one.start.polarization for one in wanted]) if engine != "prm" else ((), ())
     terms = 10 + 4 * max(len(levels) - 1, 0)
     entries = {entry for one in wanted for entry in one.start.entries}
@@ -314,12 +316,6 @@ def _target_text(wanted: Sequence[Wanted]) -> str:
     percent = any(row.unit == "percent" for row in rows)
     value, unit = (14.0, "percent") if percent else (0.2, "1 is perfect") if rows[0].function else (5.0, "score units")
     return f"half_width = {value}             # {unit}: `seqrsm check` shows what can be reached"
-
-
-def _joined(found: Sequence[_Chosen]) -> _Chosen:
-    """One range that holds those of several applications."""
-    comments = tuple(comment for one in found for comment in one.comments)
-    return replace(found[0], low=min(one.low for one in found), high=max(one.high for one in found), comments=comments)
 
 
 def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:

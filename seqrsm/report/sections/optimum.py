@@ -420,13 +420,10 @@ def _slices(analysis: Analysis, indices: Sequence[int]) -> FigureBlock:
         caption += f" No bands: {missing}."
     if not analysis.region.is_box:
         caption += " Settings excluded by the constraints are left out"
-        caption += "; hollow diamonds: excluded levels." if _a_level_is_excluded(analysis, indices) else "."
+        of_levels = [i for i in indices if not isinstance(analysis.region.factors[i], ContinuousFactor)]
+        excluded = any(not line(analysis, i).allowed.all() for i in of_levels)
+        caption += "; hollow diamonds: excluded levels." if excluded else "."
     return FigureBlock(lambda: _slice_panels(analysis, indices), caption, columns=3)
-
-
-def _a_level_is_excluded(analysis: Analysis, indices: Sequence[int]) -> bool:
-    of_levels = [i for i in indices if not isinstance(analysis.region.factors[i], ContinuousFactor)]
-    return any(not line(analysis, index).allowed.all() for index in of_levels)
 
 
 def _level_panel(analysis: Analysis, i: int, j: int) -> Panel:
