@@ -195,7 +195,7 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
         panels.append(drawing.panel(title, alt, paint, f"candidates{places} {name}", data, **shape))
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
-        "(thin). In brackets: probability of sufficing. Dashed: sufficient."
+        "anywhere in the swath (thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
     return FigureBlock(lambda: tuple(panels), under, columns=1)
 
