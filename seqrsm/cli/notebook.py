@@ -502,7 +502,9 @@ class Fit(Sections):
         """The summary: recommendation, intervals and decision."""
         from seqrsm.report.sections.summary import summary_section
 
-        return (summary_section(self.campaign.spec, self.analyses, self.compromise, self.campaign.store.runs()),)
+        spec, store = self.campaign.spec, self.campaign.store
+        found = summary_section(spec, self.analyses, self.compromise, store.runs(), rankings=store.ranking_summaries())
+        return (found,)
 
     def show_all(self) -> None:
         """Print everything that ``seqrsm fit`` prints, the summary last."""

@@ -296,8 +296,7 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
         if np.isfinite(one.half_width):
             text, middle = format_range(one.low, one.high, score_decimals(analysis)), 0.5 * (one.low + one.high)
             clear = {"facecolor": drawing.PAPER, "edgecolor": "none", "pad": 0.5}  # of the target's lines
-            where = {"ha": "center", "va": "bottom", "xytext": (0, 4), "textcoords": "offset points", "bbox": clear}
-            axes.annotate(text, (middle, y), **where)
+            axes.annotate(text, (middle, y), (0, 4), textcoords="offset points", ha="center", va="bottom", bbox=clear)
     for end in (mean - stop.half_width, mean + stop.half_width) if target_is_near(intervals, stop) else ():
         axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
     names = [name.replace(", ", ",\n") for name, _ in intervals]
