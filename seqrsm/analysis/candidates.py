@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.special import stdtr, stdtrit
 
 from seqrsm.analysis.belief import Belief, mixed_quantiles
@@ -50,7 +51,7 @@ class Comparison:
     confidence : Interval
         Of the expected difference over all grounds.
     one_ground : Interval
-        Of the difference over one ground, on so many occasions as the stop rule's interval is of.
+        Of the difference over one ground at any place of the swath, on so many occasions as the stop rule's interval.
     probability : float
         That it suffices there.
     """
@@ -77,16 +78,17 @@ def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: fl
     runs : float
         Occasions over one ground; ``inf`` for the mean of all.
     """
-    difference = sensor - optimum
-    mean, of_mean, of_future = _moments(difference.mean(axis=0), runs)
-    half = float(stdtrit(difference.shape[1] - 1, 0.5 + 0.5 * level))
+    difference, df = sensor - optimum, optimum.shape[0] - 1
+    mean, of_mean, _ = _moments(difference.mean(axis=0), runs)
+    half = float(stdtrit(df, 0.5 + 0.5 * level))
+    ends = (_quantile(difference, 0.5 + side * 0.5 * level, runs) for side in (-1.0, 1.0))
     judged = difference if rule.relative else sensor
     share = float(np.mean([_beyond(place, rule, runs) for place in judged]))
     return Comparison(
         score=float(sensor.mean()),
         difference=mean,
         confidence=Interval(mean - half * of_mean, mean + half * of_mean),
-        one_ground=Interval(mean - half * of_future, mean + half * of_future),
+        one_ground=Interval(*ends),
         probability=share,
     )
 
@@ -95,6 +97,17 @@ def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:
     """Mean of scores (worlds, occasions), its standard error, and that of a future mean over one ground."""
     error = math.sqrt(float(np.var(scores.mean(axis=1), ddof=1)) / len(scores))
     return float(scores.mean()), error, math.hypot(future_sd(scores, runs), error)
+
+
+def _quantile(scores: FloatArray, p: float, runs: float) -> float:
+    """Quantile of a future mean over one ground at any of the places, from scores (places, worlds, occasions)."""
+    df = scores.shape[1] - 1
+    mean, _, sd = np.array([_moments(place, runs) for place in scores]).T
+    sd = np.maximum(sd, 1e-9)
+    each = mean + stdtrit(df, p) * sd
+    if np.ptp(each) <= 1e-9:
+        return float(each[0])
+    return float(scipy.optimize.brentq(lambda x: np.mean(stdtr(df, (x - mean) / sd)) - p, each.min(), each.max()))
 
 
 def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:

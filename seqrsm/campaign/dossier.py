@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -23,7 +24,7 @@ from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import EventRecord, LookRecord, RunRecord
+from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RankingSummary, RunRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,8 @@ class Dossier:
         What ``seqrsm candidates`` found last, see `seqrsm.campaign.candidates`.
     rests : Mapping
         What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
+    rankings : tuple of RankingSummary
+        Of each application that interpreters rank.
     calendar : CropCalendar or None
         Of a campaign with dates, at the first application's recommended settings.
     """
@@ -82,6 +85,7 @@ class Dossier:
     tradeoff: Mapping[str, Any] | None = None
     candidates: Mapping[str, Any] | None = None
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    rankings: tuple[RankingSummary, ...] = ()
     calendar: CropCalendar | None = None
 
 
@@ -125,6 +129,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         tradeoff=tradeoff,
         candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
+        rankings=store.ranking_summaries(),
         calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator else None,
     )
 
@@ -186,11 +191,26 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
     return found
 
 
-def _reproduce(campaign: Campaign, commands: Sequence[str]) -> tuple[str, ...]:
-    name = campaign.folder.name
-    compare = tuple(f"seqrsm {command} {name}" for command in commands)
-    if campaign.spec.simulator is not None:
-        return (f"seqrsm run {name}", *compare, f"seqrsm report {name}")
-    inside = (campaign.folder / file.name for file in campaign.store.files())
-    files = [f"seqrsm ingest {name} {f'{name}/' if file.exists() else ''}{file.name}" for file in inside]
-    return (*files, f"seqrsm fit {name}", *compare, f"seqrsm report {name}")
+def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
+    """The commands that made the campaign, in their order: what was proposed, ingested and voided, then the results."""
+    name, runs = campaign.folder.name, {run.run_id: run for run in campaign.store.runs()}
+    steps = [] if campaign.spec.simulator is None else [f"seqrsm run {name}"]
+    seen: set[int] = set()
+    for event in campaign.store.events():
+        run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
+        if event.kind == "ingested":
+            file = event.detail["name"]
+            steps.append(f"seqrsm ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}")
+        elif event.kind == "void ranking":
+            steps.append(f"seqrsm void {name} --ranking {event.detail['ranking']} --why {why}")
+        elif event.kind == "void":
+            steps.append(f"seqrsm void {name} {event.run_id} --why {why}")
+        elif event.kind == "proposed" and run and run.batch not in seen and not run.replaces:
+            seen.add(run.batch)
+            size = f" -n {sum(one.batch == run.batch for one in runs.values())}"
+            source = "" if campaign.spec.simulator is None else " --source flight"
+            propose = f"seqrsm propose {name}{'' if run.purpose in ('start', CONFIRMATION) else size}{source}"
+            step = f"seqrsm run {name}" if run.source == "simulation" else propose
+            steps += [step] if run.purpose != "measured" and steps[-1:] != [step] else []
+    shown = [] if campaign.spec.simulator is not None and len(steps) == 1 else [f"seqrsm fit {name}"]
+    return (*steps, *shown, *(f"seqrsm {command} {name}" for command in more), f"seqrsm report {name}")

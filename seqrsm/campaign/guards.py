@@ -18,7 +18,7 @@ from seqrsm.errors import Problem, SpecError
 from seqrsm.score.cells import is_sentinel
 from seqrsm.score.flight import MeasuredScore, ScoresFile
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
-from seqrsm.store.records import RunRecord
+from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
 from seqrsm.units import unit_factor, units_like
 
 FAR = 3.0
@@ -67,6 +67,26 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
         )
         problems.append(Problem(message + more, hint, file.name, first.line, column, value))
     return problems
+
+
+def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Iterator[Problem]:
+    """Rankings of images that the same interpreter has ranked in the same session: corrected or extended ones."""
+    earlier: dict[tuple[int, str, str, str], dict[int, float]] = {}
+    for row in stored:
+        if not row.reason:
+            earlier.setdefault((row.ranking, row.application, row.interpreter, row.session), {})[row.run_id] = row.rank
+    for new in file.rankings:
+        ranks = {image.run_id: image.rank for image in new.images}
+        same = {
+            key[0]: old for key, old in earlier.items() if key[1:] == (new.application, new.interpreter, new.session)
+        }
+        for number, old in same.items():
+            if ranks not in same.values() and (ranks.keys() <= old.keys() or ranks.keys() >= old.keys()):
+                message = f"{new.interpreter} has ranked these images before, in ranking {number}"
+                hint = (
+                    f"If this corrects it, first: seqrsm void DIR --ranking {number} --why TEXT. Else name a session."
+                )
+                yield Problem(message, hint, file.name, new.images[0].line, "interpreter", new.interpreter)
 
 
 def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
-from seqrsm.campaign.guards import block_of, see_units, suspects
+from seqrsm.campaign.guards import block_of, ranking_suspects, see_units, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
@@ -89,10 +89,11 @@ def ingest_files(
     see_units(spec, store.runs())
     read: list[_Read] = []
     problems: list[Problem] = []
+    only_ranked = all(one.utility == "rank" for one in spec.applications)
     for source in sources:
         try:
             text = table_text(source)
-            read.append(_read_rankings(spec, text) if is_rankings_file(text) else _read_scores(spec, text))
+            read.append((_read_rankings if is_rankings_file(text, only_ranked) else _read_scores)(spec, text))
         except ScoresFileError as error:
             problems += error.problems
     if problems:
@@ -105,11 +106,20 @@ def ingest_files(
 
 def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
     """ScoresFileError where rows look wrong that the store does not have already."""
-    runs, files = store.runs("scored"), [one[-1] for one in read]
-    if not any(suspects(spec, file, runs) for file in files if file is not None):
+    runs, files, stored = store.runs("scored"), [one[-1] for one in read], store.rankings()
+    problems = [problem for ingested, *_ in read for problem in ranking_suspects(ingested, stored)]
+    if not any(one is None or suspects(spec, one, runs) for one in files):
         return
-    problems: list[Problem] = []
-    for file, outcome in zip(files, store.ingest_files([one[0] for one in read], dry_run=True), strict=True):
+    outcomes = store.ingest_files([one[0] for one in read], dry_run=True)
+    for summary in {one.application: one for outcome in outcomes for one in outcome.ranked}.values():
+        lost = [r.run_id for r in runs if r.run_id in summary.apart and r.score_of(summary.application) is not None]
+        if lost:
+            what = (
+                f"{'run' if len(lost) == 1 else 'runs'} {_few(lost)} would lose their scores of '{summary.application}'"
+            )
+            message = f"{what}: no chain of rankings joins them with the others"
+            problems.append(Problem(message, "Rank some of their images together with the others.", read[-1][0].name))
+    for file, outcome in zip(files, outcomes, strict=True):
         if file is not None and outcome.already is None:
             equal = {row.line for row in outcome.equal}
             new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
@@ -269,14 +279,19 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
             remedy = f"with run_id {row.run_id} it is taken in again"
             messages.append(f"Line {row.line} equals run {row.run_id}, which is void, and stays out; {remedy}.")
     for summary in outcome.ranked:
-        messages += _ranking_messages(summary)
+        messages += ranking_messages(summary)
     return messages
 
 
-def _ranking_messages(summary: RankingSummary) -> list[str]:
+def ranking_messages(summary: RankingSummary) -> list[str]:
+    """What an application's rankings say, and what its scores mean."""
     count = f"{counted(summary.rankings, 'ranking')} of '{summary.application}' by"
     count += f" {counted(len(summary.interpreters), 'interpreter')} {'gives' if summary.rankings == 1 else 'give'}"
-    messages = [f"{count} {counted(len(summary.scores), 'run')} their scores."]
+    messages = [
+        f"{count} {counted(len(summary.scores), 'run')} their scores, in logits: of "
+        "two images whose scores differ by d, the better is preferred with probability 1 / (1 + exp(-d)). Zero is the "
+        "mean of these scores."
+    ]
     if summary.scale_se > 0.0:
         factor = f"{math.exp(1.96 * summary.scale_se):.2g}"
         messages.append(

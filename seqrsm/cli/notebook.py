@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 from seqrsm.errors import UserError
-from seqrsm.plain import counted
+from seqrsm.plain import counted, plain
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -166,7 +166,7 @@ class Campaign:
         if template is not None:
             from seqrsm.spec.templates import copy_template
 
-            if factors is not None or half_width is not None or tables:
+            if factors is not None or half_width is not None or application != "score" or constraints or tables:
                 raise UserError("a template has its own factors and tables", "Edit its campaign.toml.")
             copy_template(template, place)
             return cls(place)
@@ -502,7 +502,9 @@ class Fit(Sections):
         """The summary: recommendation, intervals and decision."""
         from seqrsm.report.sections.summary import summary_section
 
-        return (summary_section(self.campaign.spec, self.analyses, self.compromise, self.campaign.store.runs()),)
+        spec, store = self.campaign.spec, self.campaign.store
+        found = summary_section(spec, self.analyses, self.compromise, store.runs(), rankings=store.ranking_summaries())
+        return (found,)
 
     def show_all(self) -> None:
         """Print everything that ``seqrsm fit`` prints, the summary last."""
@@ -519,7 +521,10 @@ class Fit(Sections):
             for analysis, found in zip(self.analyses, self.tests, strict=True)
         ]
         document = documents[0] if len(documents) == 1 else {"applications": documents}
-        return document if self.compromise is None else {**document, "compromise": self.compromise.to_json()}
+        if self.compromise is not None:
+            document = {**document, "compromise": self.compromise.to_json()}
+        found: dict[str, Any] = plain(document)
+        return found
 
     def to_frame(self) -> DataFrame:
         """A row for each application: recommended settings, mean, the ends of each interval, and the decision."""

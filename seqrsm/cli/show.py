@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from seqrsm.cli.blocks import show_blocks
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.plain import counted
@@ -50,6 +51,8 @@ def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
 
 def show_ingest(report: IngestReport) -> None:
     """What became of a file of scores."""
+    from seqrsm.report.sections.data import interpreter_table  # of numerical libraries, which few commands here need
+
     if report.already is None:
         parts = [
             counted(len(ids), f"{what} run") + done
@@ -66,24 +69,12 @@ def show_ingest(report: IngestReport) -> None:
         if report.rankings:
             first, last = report.rankings[0], report.rankings[-1]
             parts.append(f"ranking {first}" if first == last else f"rankings {first} to {last}")
-        line(f"{report.file}: {what} {would}: {', '.join(parts) or 'nothing new'}")
+        line(f"{report.file}: {f'{what} {would}: ' if parts else ''}{', '.join(parts) or 'nothing new'}")
     for message in report.messages:
         line(f"{report.file}: {message}")
-    for summary in report.ranked:
-        show_table(
-            ["interpreter", "rankings", "sharpness", "95 % interval", "agreement"],
-            [
-                [
-                    one.interpreter,
-                    str(one.rankings),
-                    format_significant(one.sharpness, 2),
-                    f"{format_significant(one.low, 2)} to {format_significant(one.high, 2)}",
-                    "-" if one.agreement is None else f"{one.agreement:.2f}",
-                ]
-                for one in summary.interpreters
-            ],
-            title=f"interpreters of {summary.application}",
-        )
+    if report.ranked:
+        line()
+    show_blocks(interpreter_table(one) for one in report.ranked)
 
 
 # -- the rest -----------------------------------------------------------------------------------------------------

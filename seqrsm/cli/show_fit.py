@@ -58,7 +58,8 @@ def show_fit(
     if compromise is not None:
         show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
         show_sections([compromise_section(spec.region, compromise)])
-    show_sections([summary_section(spec, analyses, compromise, campaign.store.runs())])
+    store = campaign.store
+    show_sections([summary_section(spec, analyses, compromise, store.runs(), rankings=store.ranking_summaries())])
 
 
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:

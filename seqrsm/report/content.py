@@ -34,7 +34,9 @@ def build_report(dossier: Dossier) -> Report:
     The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
     spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
-    sections: list[Section | None] = [summary_section(spec, analyses, dossier.compromise, runs, dossier.rests)]
+    sections: list[Section | None] = [
+        summary_section(spec, analyses, dossier.compromise, runs, dossier.rests, dossier.rankings)
+    ]
     methods: list[Section | None] = []
     alone = dossier.compromise is None  # of one application
     if dossier.compromise is not None:

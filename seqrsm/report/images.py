@@ -81,7 +81,7 @@ def bar_length_m(columns: int, pixel_m: float) -> float:
 
 
 def _scale_bar(columns: int, pixel_m: float, background: int, ink: int) -> AnyArray:
-    height = max(3, columns // 100)
+    height = max(1, columns // 100)
     strip = np.full((3 * height, columns), background, dtype=np.uint8)
     strip[height : 2 * height, : max(1, round(bar_length_m(columns, pixel_m) / pixel_m))] = ink
     return strip

@@ -40,9 +40,10 @@ class MeasuredRanking:
     images: tuple[RankedImage, ...]
 
 
-def is_rankings_file(source: TableSource) -> bool:
-    """Whether the header has a column ``interpreter`` and one ``rank``, in whatever case."""
-    return {"interpreter", "rank"} <= {split_header(text)[0].casefold() for text in _Reader(source, ()).table.header}
+def is_rankings_file(source: TableSource, expected: bool = False) -> bool:
+    """Whether the header has columns ``interpreter`` and ``rank``, in whatever case; if ``expected``, no ``score``."""
+    names = {split_header(text)[0].casefold() for text in _Reader(source, ()).table.header}
+    return {"interpreter", "rank"} <= names or (expected and "score" not in names)
 
 
 def read_rankings(
@@ -77,7 +78,7 @@ class _Reader(CellReader):
         given = [factor.name for factor in self.factors if factor.name in self.columns]
         for factor in self.factors:
             if given and factor.name not in given:
-                self.add("no column for this factor", "Give the settings of all factors or none.", line)
+                self.add("no column for this factor", "Give the settings of all factors or none.", line, factor.name)
         self.missing_application(line)
 
     def rankings(self) -> tuple[MeasuredRanking, ...]:

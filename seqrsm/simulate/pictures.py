@@ -187,12 +187,17 @@ def grey_scales(pictures: Iterable[Picture]) -> dict[str, GreyScale]:
     """Calibration of each channel, common to all of ``pictures``, so that they can be compared.
 
     Black is the lowest of the 2 % quantiles over pixels that see something, white the highest of the 98 % quantiles: no
-    picture is saturated. They are at least 6 dB, or 2 % of the temperature, apart.
+    picture is saturated. They are at least 6 dB, or 2 % of the temperature, apart. Where a radar sees its own noise,
+    as in shadow and off the scene, is black if it sees more elsewhere.
     """
     ends: dict[str, list[tuple[float, float, str]]] = {}
     for picture in pictures:
-        for channel, plane in zip(picture.channels, picture.values, strict=True):
-            lit = plane[np.isfinite(plane) & (plane > 0.0)]
+        for k, (channel, plane) in enumerate(zip(picture.channels, picture.values, strict=True)):
+            seen = np.isfinite(plane) & (plane > 0.0)
+            if "noise_power_w" in picture.arrays:
+                shown = seen & (picture.arrays["mean_power_w"][k] >= picture.arrays["noise_power_w"][:, None])
+                seen = shown if shown.any() else seen
+            lit = plane[seen]
             if lit.size:
                 low, high = np.quantile(lit, [_TAIL, 1.0 - _TAIL])
                 ends.setdefault(channel, []).append((float(low), float(high), picture.unit))

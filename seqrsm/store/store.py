@@ -39,10 +39,11 @@ from seqrsm.store.records import (
     NewRun,
     NewScore,
     RankingRecord,
+    RankingSummary,
     RunRecord,
 )
 from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.store.take_in import DERIVED, ingest_files, rescore_without, stored_rankings, void_ranking
+from seqrsm.store.take_in import DERIVED, ingest_files, ranking_summary, rescore_without, stored_rankings, void_ranking
 
 STORE_NAME = "campaign.db"
 LEASE_S = 900.0
@@ -370,6 +371,12 @@ class Store:
         """Every rank that an interpreter gave, in order, those that do not count included."""
         with self._read() as ledger:
             return stored_rankings(ledger)
+
+    def ranking_summaries(self) -> tuple[RankingSummary, ...]:
+        """What the rankings of each ranked application say."""
+        with self._read() as ledger:
+            names = dict.fromkeys(row.application for row in stored_rankings(ledger))
+            return tuple(ranking_summary(ledger, name) for name in names)
 
     def verify(self) -> None:
         """See that runs, scores and events are what was written.

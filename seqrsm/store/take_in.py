@@ -289,7 +289,14 @@ def rescore_without(ledger: Ledger, run_id: int) -> None:
 
 
 def score_rankings(ledger: Ledger, application: str) -> RankingSummary:
-    """Scores of an application's runs from all rankings that count, into the store.
+    """Scores of an application's runs from all rankings that count, into the store."""
+    summary = ranking_summary(ledger, application)
+    _write_scores(ledger, application, summary)
+    return summary
+
+
+def ranking_summary(ledger: Ledger, application: str) -> RankingSummary:
+    """What all rankings of an application that count say.
 
     Runs that no chain of rankings joins with the largest group of runs get no score: rankings say nothing of how
     they compare.
@@ -305,9 +312,7 @@ def score_rankings(ledger: Ledger, application: str) -> RankingSummary:
         Ranking.of(names.index(group[0].interpreter), [index[row.run_id] for row in group], [row.rank for row in group])
         for group in rankings.values()
     ]
-    summary = _fit(application, run_ids, names, orders)
-    _write_scores(ledger, application, summary, set(run_ids))
-    return summary
+    return _fit(application, run_ids, names, orders)
 
 
 def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders: Sequence[Ranking]) -> RankingSummary:
@@ -336,7 +341,7 @@ def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders:
     return RankingSummary(application, len(inside), scores, fit.scale_se, apart, tuple(effects))
 
 
-def _write_scores(ledger: Ledger, application: str, summary: RankingSummary, ranked: set[int]) -> None:
+def _write_scores(ledger: Ledger, application: str, summary: RankingSummary) -> None:
     """Insert, overwrite and take back scores so that they are those of the summary."""
     query = sa.select(SCORES.c.run_id, SCORES.c.score, SCORES.c.se).join(RUNS, RUNS.c.id == SCORES.c.run_id)
     query = query.where(SCORES.c.application == application, RUNS.c.state != "void")
@@ -356,7 +361,7 @@ def _write_scores(ledger: Ledger, application: str, summary: RankingSummary, ran
         ledger.connection.execute(sa.delete(SCORES).where(*where))
         if ledger.connection.execute(sa.select(SCORES.c.id).where(SCORES.c.run_id == run_id)).first() is None:
             ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(state="issued", ended_at=None))
-        why = "no ranking joins it with the others" if run_id in ranked else "no ranking of it is left"
+        why = "no ranking joins it with the others" if run_id in summary.apart else "no ranking of it is left"
         ledger.log("unscored", [(run_id, {"application": application, "reason": why})])
     detail = {"application": application, "rankings": summary.rankings, "runs": len(summary.scores), "changed": changed}
     ledger.log("rankings scored", [(None, detail)])

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
+from html import unescape
 from pathlib import Path
 
 import pytest
+from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
 from seqrsm.campaign.export import export
@@ -59,6 +62,35 @@ def flown(tmp_path: Path) -> Path:
     call("ingest", folder, folder / "t.csv", folder / "r.csv")
     call("propose", folder)
     return folder
+
+
+def test_the_report_tells_what_rankings_mean_and_all_commands(flown: Path, tmp_path: Path) -> None:
+    """A board reads what a logit is, how far scores are apart, and whom they are from; another makes it all again."""
+    call("void", flown, "--ranking", 2, "--why", "the wrong screen")
+    call("report", flown, "--html", flown / "r.html")
+    page = unescape(re.sub(r"<[^>]+>", " ", (flown / "r.html").read_text(encoding="utf-8")))
+    text = " ".join(page.split())
+    assert "the highest score (interpreters' rankings) for clear" in text
+    assert "1 ranking of 'clear' by 1 interpreter gives 11 runs their scores, in logits: of two images" in text
+    assert "1 / (1 + exp(-d))" in text
+    assert "known to within a factor of" in text
+    ranks = {run: (run * 3) % 7 for run in (1, 2, *range(4, 13))}
+    call("export", flown, tmp_path / "all.json")
+    runs = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))["runs"]
+    scores = {run["run_id"]: s["score"] for run in runs for s in run["scores"] if s["application"] == "clear"}
+    tau = kendalltau([-rank for rank in ranks.values()], [scores[run] for run in ranks]).statistic
+    assert re.search(rf"ann 1 1\.0 [\d.]+ to [\d.]+ {tau:.2f}", text)
+    (made,) = re.findall(r"seqrsm ingest flown flown/s.csv.*?seqrsm report flown\b", text)
+    assert made.split(" seqrsm ") == [
+        "seqrsm ingest flown flown/s.csv",
+        "void flown 3 --why clouds",
+        "ingest flown flown/t.csv",
+        "ingest flown flown/r.csv",
+        "propose flown -n 4",
+        "void flown --ranking 2 --why 'the wrong screen'",
+        "fit flown",
+        "report flown",
+    ]
 
 
 def test_each_score_traces_to_its_file_row_and_decision(flown, tmp_path):

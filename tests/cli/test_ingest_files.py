@@ -337,6 +337,39 @@ def test_the_same_rankings_again_do_not_count_twice(ranked):
     assert ranked.document()["rankings"] == before
 
 
+def test_rankings_known_already_are_nothing_new(ranked):
+    ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
+    assert ranked.ingest(ranking_file(bob="2 1 3"), name="again.csv").strip() == "again.csv: nothing new"
+
+
+@pytest.mark.parametrize("again", ["2 1 3 4", "1 2 3", "1 2 3 4 5", "1=2 3 4"])
+def test_a_ranking_corrected_or_extended_is_held_back(ranked, again):
+    """It would count beside the earlier one, as a second opinion of the same interpreter."""
+    ranked.ingest(ranking_file(ann="1 2 3 4", bob="1 2 3 5"))
+    told = ranked.ingest(ranking_file(ann=again), name="again.csv", code=2)
+    assert "again.csv:2: interpreter: ann has ranked these images before, in ranking 1 (got 'ann')" in told
+    assert "void DIR --ranking 1" in told
+    ranked.ingest(ranking_file(ann="4 5 6"), name="others.csv")  # other images with some of the same
+    ranked.call("void", "--ranking", 1, "--why", "a slip")
+    ranked.ingest(ranking_file(ann=again), name="again.csv")
+    header, *rows = ranking_file(ann="4 3 2 1").split()
+    ranked.ingest("\n".join([f"{header},session", *(f"{row},2" for row in rows)]), name="session.csv")
+    ranked.ingest(ranking_file(bob="3 2 1"), "--accept", name="accepted.csv")
+    assert max(rank["ranking"] for rank in ranked.document()["rankings"]) == 6
+
+
+def test_no_ranking_takes_scores_away_unasked(ranked):
+    """Images that are ranked among themselves say nothing of earlier ones, which fewer runs would then be."""
+    ranked.ingest(ranking_file(ann="1 2"))
+    apart = ranking_file(bob="3 4 5")
+    told = ranked.ingest(apart, name="apart.csv", code=2)
+    assert "runs 1, 2 would lose their scores of 'clear': no chain of rankings joins them with the others" in told
+    assert [run["state"] for run in ranked.runs()[:3]] == ["scored", "scored", "issued"]
+    (ranked.path / "bridge.csv").write_text(ranking_file(cy="2 3"), encoding="utf-8")
+    ranked.ingest(apart, ranked.path / "bridge.csv", name="apart.csv")
+    assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 5 + ["issued"]
+
+
 def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
     assert "1 ranking of 'clear' by 1 interpreter gives 3 runs their" in ranked.ingest(ranking_file(ann="1 2 3"))
     says = ranked.ingest(ranking_file(ann="4 5"), name="apart.csv")
@@ -363,7 +396,11 @@ def test_a_void_run_leaves_the_scores(ranked):
         ("run_id,interpreter,rank\n1,,1\n2,,2\n", "Name the interpreter"),
         ("run_id,interpreter,rank\n1,ann,0\n2,ann,1\n", "best image has rank 1"),
         ("interpreter,rank\nann,1\nbob,2\n", "run_id"),
-        ("run_id,interpreter,rank,frequency\n1,ann,1,2\n2,ann,2,2\n", "all factors or none"),
+        (
+            "run_id,interpreter,rank,frequency\n1,ann,1,2\n2,ann,2,2\n",
+            "resolution: no column for this factor. Give the",
+        ),
+        ("run_id,ann,bob\n1,1,2\n2,2,1\n", "rank: there is no such column. A ranking has run_id, interpreter and rank"),
     ],
 )
 def test_bad_rankings(ranked, content, says):

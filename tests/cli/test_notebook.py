@@ -64,7 +64,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     sources = {run.source for run in mine.opened.store.runs()}
     assert sources == {"flight"}  # there is no simulator
     fit = mine.fit()
-    assert plain(fit.to_json()) == json.loads(ok("fit", theirs, "--json"))
+    assert json.loads(json.dumps(fit.to_json())) == json.loads(ok("fit", theirs, "--json"))
     status = json.loads(ok("status", theirs, "--json"))
     assert plain(mine.status().result) == {**status, "campaign": "mine"}
     assert ok("fit", theirs).rstrip().endswith(ok_summary(repr(fit)))
@@ -183,6 +183,8 @@ def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> 
         ({"stop": {"max_run": 30}}, "max_runs"),
         ({"half_width": None}, "half_width"),
         ({"template": "flevoland"}, "template"),
+        ({"template": "flevoland", "factors": None, "half_width": None, "constraints": "x < 1"}, "template"),
+        ({"template": "flevoland", "factors": None, "half_width": None, "application": "crops"}, "template"),
         ({"application": {"name": "a", "utility": "percent"}}, "percent_correct"),
         ({"factors": ["looks", "pol"]}, "mapping"),
         ({"half_width": "three"}, "half_width"),

@@ -14,7 +14,7 @@ from shorthands import percent_correct
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scene.layers import fill_gaps
 from seqrsm.sensor.swath import ground_ranges_m
-from seqrsm.simulate.pictures import picture_of
+from seqrsm.simulate.pictures import grey_scales, picture_of
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
 from seqrsm.simulate.radar.frame import make_frame
@@ -41,6 +41,17 @@ def test_equal_looks_everywhere_are_no_range(looks, says):
     image = quiet(scene(np.zeros((60, 20)), 10.0), radar(resolution_m=30.0, looks=looks))
     assert says in picture_of(image).remark
     assert "12300 looks;" in picture_of(replace(image, looks=np.full_like(image.looks, 12345.0))).remark
+
+
+def test_grey_tones_are_those_of_the_ground_and_not_of_noise_around_it():
+    """A strong radar's noise lies 40 dB under the ground; where the scene has none the picture is black."""
+    cover = np.zeros((120, 120), dtype=np.uint8)
+    cover[:, 60:] = 255
+    image = quiet(scene(np.zeros(cover.shape), 10.0, cover), radar(resolution_m=30.0, noise_figure_db=1.0))
+    picture = picture_of(image)
+    assert np.quantile(picture.told(), 0.2) < -40.0
+    (scale,) = grey_scales([picture]).values()
+    assert -16.0 < 10.0 * np.log10(scale.black) < -10.0 < 10.0 * np.log10(scale.white) < -4.0
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 1e-6)])

@@ -43,6 +43,22 @@ def test_intervals_and_probability_hold_for_drawn_grounds(runs: float, occasions
     assert promised / n == pytest.approx(kept / n, abs=0.05)
 
 
+def test_one_ground_lies_at_any_place_of_the_swath() -> None:
+    """Where the edges of a swath differ a ground scores as one of them; interval and probability agree."""
+    rng = np.random.default_rng(3)
+    optimum = 60.0 + rng.normal(size=(16, 2))
+    at = np.array([-20.0, -12.0, 2.0])
+    own = optimum + at[:, None, None] + 2.0 * rng.normal(size=(3, 16, 1)) + rng.normal(size=(3, 16, 2))
+    found = compared(own, optimum, Sufficing(0.0, True, 1.0), 0.95, 1.0)
+    ground = 2.0 * rng.normal(size=20_000) + rng.normal(size=20_000)
+    future = rng.choice(at, 20_000) + ground
+    assert np.mean((future > found.one_ground.low) & (future < found.one_ground.high)) == pytest.approx(0.95, abs=0.03)
+    assert found.confidence.low < -10.0 < found.confidence.high  # the mean of the places
+    for end, share in ((found.one_ground.low, 0.975), (found.one_ground.high, 0.025)):
+        there = compared(own, optimum, Sufficing(end, True, 1.0), 0.95, 1.0)
+        assert there.probability == pytest.approx(share, abs=1e-9)
+
+
 def test_a_target_counts_the_scores_themselves_and_small_ones_where_they_are_good() -> None:
     rng = np.random.default_rng(2)
     optimum = 10.0 + rng.normal(size=(16, 2))

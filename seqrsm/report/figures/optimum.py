@@ -294,9 +294,9 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
         axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
         axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
         if np.isfinite(one.half_width):
-            # Over the middle, where the target's lines are not.
             text, middle = format_range(one.low, one.high, score_decimals(analysis)), 0.5 * (one.low + one.high)
-            axes.annotate(text, (middle, y), ha="center", va="bottom", xytext=(0, 4), textcoords="offset points")
+            clear = {"facecolor": drawing.PAPER, "edgecolor": "none", "pad": 0.5}  # of the target's lines
+            axes.annotate(text, (middle, y), (0, 4), textcoords="offset points", ha="center", va="bottom", bbox=clear)
     for end in (mean - stop.half_width, mean + stop.half_width) if target_is_near(intervals, stop) else ():
         axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
     names = [name.replace(", ", ",\n") for name, _ in intervals]

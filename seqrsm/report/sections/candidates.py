@@ -197,7 +197,7 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
     panel = drawing.panel(title, alt, paint, f"candidates {name}", data, **shape)
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
-        "(thin). In brackets: probability of sufficing. Dashed: sufficient."
+        "anywhere in the swath (thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
     return FigureBlock(lambda: (panel,), under, columns=1)
 

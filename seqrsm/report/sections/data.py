@@ -11,7 +11,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, Paragraph, Section, Table, right, table
-from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
+from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,
     describe_factor,
@@ -29,7 +29,7 @@ from seqrsm.report.wording import (
     whole_cell,
     with_unit,
 )
-from seqrsm.store.records import RunRecord
+from seqrsm.store.records import RankingSummary, RunRecord
 
 _SAME = ("Batch", "State", "Source", "Purpose", "In the fit", "Block")
 """Columns of the table of runs that the caption states where all rows are alike."""
@@ -97,7 +97,27 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
     if left_out:
         rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in left_out)
         blocks.append(table("Runs excluded from the fit", (right("Run"), "State", "Reason"), rows))
-    return blocks
+    return [*blocks, *(interpreter_table(one) for one in dossier.rankings)]
+
+
+def interpreter_table(summary: RankingSummary) -> Table:
+    """Return how sharply each interpreter tells images apart, and agrees with the scores."""
+    rows = (
+        (
+            one.interpreter,
+            whole_cell(one.rankings),
+            number_cell(format_significant(one.sharpness, 2), one.sharpness),
+            f"{format_significant(one.low, 2)} to {format_significant(one.high, 2)}",
+            NOTHING if one.agreement is None else number_cell(format_number(one.agreement, 2), one.agreement),
+        )
+        for one in summary.interpreters
+    )
+    caption = (
+        f"Interpreters of {summary.application}. Sharpness: of preferences, 1 on average, 0 of a guess; agreement: "
+        "Kendall's tau-b of an interpreter's rankings with the scores"
+    )
+    heads = ("Interpreter", right("Rankings"), right("Sharpness"), "95 % interval", right("Agreement"))
+    return table(caption, heads, rows)
 
 
 def run_section(dossier: Dossier) -> Section:

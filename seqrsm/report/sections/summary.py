@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.ingest import ranking_messages
 from seqrsm.campaign.status import costs
 from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
@@ -44,7 +45,7 @@ from seqrsm.report.wording import (
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.sensors import without_effect
-from seqrsm.store.records import RunRecord
+from seqrsm.store.records import RankingSummary, RunRecord
 
 _TIES = 3
 """Tied optima that are named."""
@@ -61,6 +62,7 @@ def summary_section(
     compromise: CompromiseEstimate | None,
     runs: Sequence[RunRecord],
     rests: Mapping[str, Mapping[str, float]] | None = None,
+    rankings: Sequence[RankingSummary] = (),
 ) -> Section:
     """Return the summary of a campaign: of its one application, or the settings that serve all.
 
@@ -75,13 +77,15 @@ def summary_section(
         All of the campaign: what they cost is told.
     rests : Mapping, optional
         By application, shares of the area by what their means rest on.
+    rankings : sequence of RankingSummary
+        Of applications that interpreters rank.
     """
+    made = (*_made(spec, runs), *(Paragraph(" ".join(ranking_messages(one))) for one in rankings))
     if compromise is None:
-        found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", _made(spec, runs))
+        found = result_section(spec, analyses[0], rests or {}, "summary", "Summary", made)
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
     blocks = (*compromise_summary(spec.region, compromise), _own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
-    made = _made(spec, runs)
     values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
     parts = (
         Section("summary-next", "Next steps", (Bullets(todo),)),
@@ -128,7 +132,8 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
     for analysis in analyses:
         best = "highest" if analysis.goal == "maximize" else "lowest"
         utility = readable(spec.application(analysis.application).utility)
-        aims.append(f"the {best} score ({utility}) for {analysis.application}")
+        what = "interpreters' rankings" if utility == "rank" else utility
+        aims.append(f"the {best} score ({what}) for {analysis.application}")
     considered = [readable(one.name) for one in spec.considerations] if len(analyses) == len(spec.applications) else []
     weighed = f", weighed against {listing(considered)}" if considered else ""
     return f"Question: which {factors} give{'s' if len(spec.factors) == 1 else ''} {listing(aims)}{weighed}?"
