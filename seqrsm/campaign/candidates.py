@@ -217,6 +217,7 @@ class _Comparer:
         return {
             "settings": dict(self.settings),
             "optimum": best.mean,
+            "guess": self.analysis.data.guess,
             "interval": interval_to_json(best.whole),
             "simulated": None if self.optimum is None else float(self.optimum.mean()),
             "sufficient": self.rule.score,

@@ -15,7 +15,7 @@ import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.campaign.engines import ENGINES, Settings, check_utility, loaded, score_by
-from seqrsm.design.factors import setting_text
+from seqrsm.design.factors import settings_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
@@ -429,7 +429,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     found: dict[str, list[tuple[Problem, str]]] = {}  # by what is wrong, whatever its numbers
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
-        shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
+        shown = settings_text(spec.factors, settings)
         try:
             task = task_of(spec, 0, settings)
             made = task.acquisitions

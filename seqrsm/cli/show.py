@@ -9,7 +9,7 @@ from seqrsm.cli.blocks import show_blocks
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.plain import counted
-from seqrsm.report.rounding import format_significant
+from seqrsm.report.rounding import format_percent, format_significant
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
 
@@ -85,14 +85,15 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
     line(f"{scene.name}: {scene.elevation_m.shape[0]} x {scene.elevation_m.shape[1]} cells of {scene.cell_m:g} m")
     line(f"licence: {scene.licence or 'not stated'}")
     line(f"provenance: {scene.provenance or 'not stated'}")
-    for name, value in statistics.items():
-        if name == "category_fractions":
-            rows = [[category, f"{100 * share:.2f} %"] for category, share in value.items()]
-            show_table(["category", "share"], rows)
-        elif isinstance(value, float):
-            line(f"{name}: {format_significant(value, 4)}")
-        elif isinstance(value, int | str):
-            line(f"{name}: {value}")
+    low, high, rms, most = (known_text(statistics[n], 4) for n in ("low_m", "high_m", "rms_slope", "max_slope"))
+    shares = {"scored cells": statistics["scored_fraction"], **statistics["category_fractions"]}
+    rows = (
+        ("elevation", f"{low} to {high} m"),
+        ("slope", f"rms {rms}, at most {most}"),
+        ("fields", f"{statistics['n_fields']}, median {1e-4 * statistics['median_field_m2']:.3g} ha by area"),
+        *((name, format_percent(share)) for name, share in shares.items()),
+    )
+    show_table((), rows, sides=("left",))
     if scene.temperature_k is not None:
         known = scene.temperature_k[scene.valid()]
         line(f"ground temperature: {known.min():.1f} to {known.max():.1f} K")

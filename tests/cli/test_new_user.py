@@ -222,9 +222,7 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     assert "[simulator.fixed] peak_power: missing. Make it a factor or give it under [simulator.fixed]" in missing
     # A band that is too narrow for the finest resolution only lies with the factor.
     narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
-    assert re.search(
-        r"This happens at \d+ of \d+ settings, for instance at polarization = HH, resolution = 10\.", narrow
-    )
+    assert re.search(r"This happens at \d+ of \d+ settings, for instance at polarization HH, resolution 10 m\.", narrow)
     assert "Narrow the factor's range" in narrow
     # One that is wrong at all settings, with another limit at each, is not mended by a narrower range.
     height = '[[factor]]\nname = "altitude_m"\nlow = 3000\nhigh = 4000\n[[application]]'

@@ -378,6 +378,19 @@ def test_candidates_are_in_all_faces(capsys) -> None:
     assert candidate_section(None) is None
 
 
+@pytest.mark.parametrize(
+    ("optimum", "within", "guess", "told"),
+    [(0.38, -0.41, 0.0, True), (0.38, -0.2, 0.0, False), (0.02, 0.05, 0.06, True), (0.02, 0.03, 0.06, False)],
+)
+def test_a_margin_that_holds_a_guess_is_told(optimum: float, within: float, guess: float, told: bool) -> None:
+    """Small scores are good where sufficient ones are above the optimum's."""
+    found = {**COMPARED, "optimum": optimum, "sufficient": within, "relative": True, "guess": guess, "unit": ""}
+    section = candidate_section({"applications": {"soil": found}})
+    assert section is not None
+    said = " ".join(of_blocks(section.blocks, terminal=True))
+    assert (f"Guessing scores {guess:.3f}, which suffices by this rule" in said) == told
+
+
 def test_candidates_of_scores_between_0_and_1_are_told_apart() -> None:
     row = COMPARED["candidates"][0] | {"score": 0.2043, "difference": -0.2067, "owed_to": []}
     row |= {"confidence": {"low": -0.2143, "high": -0.1991}, "one_ground": {"low": -0.38, "high": -0.05}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,4 +35,12 @@ def test_a_scene_without_elevations_is_shown_without_warnings(tmp_path: Path) ->
     save_scene(replace(scene, elevation_m=z, scored=np.isfinite(z)), tmp_path / "s.npz")
     result = CliRunner().invoke(app, ["scene", "show", str(tmp_path / "s.npz")])
     assert result.exit_code == 0, repr(result.exception)
-    assert "low_m: -" in result.stdout
+    assert re.search(r"^elevation +- to - m$", result.stdout, re.MULTILINE)
+
+
+def test_a_scene_is_shown_in_words_and_units(tmp_path: Path) -> None:
+    save_scene(made(), tmp_path / "s.npz")
+    result = CliRunner().invoke(app, ["scene", "show", str(tmp_path / "s.npz")])
+    for words in (r"elevation +0\.000 to 30\.00 m", r"scored cells +100 %", r"fields +\d+, median [\d.]+ ha by area"):
+        assert re.search(rf"^{words}$", result.stdout, re.MULTILINE), result.stdout
+    assert "_" not in result.stdout

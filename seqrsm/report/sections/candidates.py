@@ -81,6 +81,13 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
             "differ only in factors, within the region, are evaluated on the fitted surface.",
         )
     ]
+    guess = found.get("guess")
+    if found["relative"] and guess is not None and (guess - found["optimum"]) / found["sufficient"] <= 1.0:
+        remedy = "set `sufficient` of the application to the score that it needs"
+        text = (
+            f"Guessing scores {with_unit(format_number(guess, digits), unit)}, which suffices by this rule: {remedy}."
+        )
+        blocks.append(Paragraph(text, "warning"))
     if told:
         blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
     if any(row.get("owed_to") for row in told):

@@ -32,7 +32,7 @@ def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis:
     looks = read_looks(records, analysis.application)
     if not looks:
         return None
-    every = Details(f"All {len(looks)} interim analyses", (_look_table(analysis, looks),), long=True)
+    every = Details(f"Interim analyses ({len(looks)})", (_look_table(analysis, looks),), long=True)
     figure = _history_figure(analysis, looks, spec.stop_of(analysis.application).half_width)
     return Section(f"{key}-history", "Progress of interval and optimum", (figure, every))
 
