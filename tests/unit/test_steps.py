@@ -158,7 +158,7 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     """What a ground does to all levels alike is no difference between them; a level's own is, and chance is not."""
     found = analysis(tmp_path)
     opened, own = Campaign.open(tmp_path / "c"), {"L": 3.0, "C": 0.0, "L+C": 0.0}
-    monkeypatch.setattr(simulation, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * worlds)
+    monkeypatch.setattr(simulation, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * len(worlds))
     common = 20.0 * np.repeat(np.random.default_rng(1).standard_normal(8), 2)
     ground = np.repeat([-1.0, 1.0] * 4, 2)
 
