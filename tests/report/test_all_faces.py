@@ -427,7 +427,7 @@ def test_a_report_tells_of_the_likeliest_candidates_and_how_many_others_there_ar
 BY_REPORT = {
     "application_sections", "assumption_section", "compromise_section", "compromise_summary", "cover_section",
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
-    "literature_section", "method_sections", "model_section", "optimum_section",
+    "interpreter_table", "literature_section", "method_sections", "model_section", "optimum_section",
     "printed_section", "provenance_section", "question_section", "result_section", "run_section",
     "shape_section", "summary_section", "surface_section",
 }  # fmt: skip
