@@ -178,7 +178,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
     if not len(data.scores):  # the fit says what is missing
         return ResponseScale.of("identity", data.scores, Z)
-    if spec.errors.of_counts or spec.model.weights == "counts":
+    if spec.of_counts:
         needs = f'errors = "{spec.errors.name}"' if spec.errors.of_counts else 'weights = "counts"'
         _, trials = counts_of(data, needs)
         return ResponseScale.of_counts(spec.model.response, data.scores, trials, Z)
@@ -187,7 +187,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     if not np.all(data.score_se > 0.0):
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
-        raise FitError(f"{named} have no standard error for weighting", remedy)
+        raise FitError(f"{named} without a standard error for weighting", remedy)
     return ResponseScale.of(spec.model.response, data.scores, Z, data.score_se)
 
 
@@ -204,10 +204,10 @@ def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:
         known = np.isfinite(data.trials) & np.isfinite(data.correct)
     if data.trials is None or data.correct is None or not np.all(known):
         remedy = "Give the columns n and correct for every score, or omit that from [model]."
-        raise FitError(f"{_run_list(data.run_ids[~known])} have no counts, which {what} needs", remedy)
+        raise FitError(f"{_run_list(data.run_ids[~known])} without counts, which {what} needs", remedy)
     return data.correct, data.trials
 
 
 def _run_list(ids: IntArray) -> str:
     shown = ", ".join(str(int(run)) for run in ids[:LISTED_RUNS])
-    return f"runs {shown}" + (", ..." if len(ids) > LISTED_RUNS else "")
+    return f"run{'s' * (len(ids) > 1)} {shown}" + (", ..." if len(ids) > LISTED_RUNS else "")

@@ -176,6 +176,8 @@ def _scores(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
             if found is not None:
                 yield row, "score", row.score, *found
         for row in rows:
+            if spec.of_counts and row.n is None:
+                yield row, "n", None, "no counts, which [model] needs", "Give n and correct."
             if row.se is not None and is_sentinel(row.se):
                 yield row, "se", row.se, "usually marks a missing value", "Leave the cell empty if it is unknown."
 

@@ -185,6 +185,11 @@ class CampaignSpec:
         return ERROR_MODELS[self.model.errors]
 
     @property
+    def of_counts(self) -> bool:
+        """Whether scores count by numbers of decisions, which every run then needs."""
+        return self.errors.of_counts or self.model.weights == "counts"
+
+    @property
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""
         return self.region.factors

@@ -109,7 +109,7 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     _, (_, prediction, _) = intervals(of_quadratic(analysis), analysis.scale, point, 0.95, (1, 5), 0.0)
     assert prediction.half_width == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
-    with pytest.raises(FitError, match="runs 5 have no standard error"):
+    with pytest.raises(FitError, match="runs 5 without a standard error"):
         fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
 
 
@@ -214,7 +214,7 @@ def test_counts_with_beta_binomial_errors(tmp_path: Path) -> None:
     assert all(abs(term["mean"] - want) < 0.5 * term["sd"] for term, want in zip(terms, theirs.params, strict=True))
     assert all(term["sd"] > se for term, se in zip(terms, theirs.bse, strict=True))  # more scatter than the binomial
     rows = [{"x": row["x"], "score": 50 + i} for i, row in enumerate(counted())]
-    with pytest.raises(FitError, match="no counts"):
+    with pytest.raises(FitError, match="without counts"):
         fit(make(tmp_path / "d", X, rows, model, PERCENT))
 
 
@@ -252,7 +252,7 @@ def test_counts_weigh_by_their_binomial_variance(tmp_path: Path) -> None:
 
 def test_counts_that_are_missing(tmp_path: Path) -> None:
     rows = [{"x": row["x"], "score": 50 + i} for i, row in enumerate(counted())]
-    with pytest.raises(FitError, match="no counts"):
+    with pytest.raises(FitError, match="without counts"):
         fit(make(tmp_path / "d", X, rows, '[model]\nweights = "counts"\n', PERCENT))
 
 

@@ -122,6 +122,20 @@ def test_refused_with_the_place_and_the_remedy(make, content, says):
     assert folder.runs() == []
 
 
+@pytest.mark.parametrize("model", ['weights = "counts"', 'response = "logit"\nerrors = "beta_binomial"'])
+def test_where_scores_count_by_decisions_the_form_asks_for_them_and_none_goes_without(make, model):
+    """One score without counts would keep the campaign from every fit until it is void."""
+    folder = make(f"[model]\n{model}")
+    folder.call("propose", "--source", "flight", "--csv", folder.path / "form.csv")
+    header, *rows = (folder.path / "form.csv").read_text(encoding="utf-8").splitlines()
+    assert header.split(",")[-4:] == ["block", "n", "correct", "note"]
+    told = folder.ingest(f"{HEADER}\n1.5,12,HH,70\n1.7,12,HH,70\n", code=2)
+    assert "scores.csv:2: n: no counts, which [model] needs (so 1 more row: line 3). Give n and correct." in told
+    filled = [",".join([*row.split(",")[:5], "80", str(50 + k), "x"]) for k, row in enumerate(rows)]
+    folder.ingest("\n".join([header, *filled]), name="filled.csv")
+    assert [run["scores"][0]["n"] for run in folder.runs()] == [80] * len(rows)
+
+
 def test_columns_of_the_users_own_keep_their_unit(make):
     folder = make()
     folder.ingest(f"{HEADER},altitude [ft],camera (left)\n1.5,12,HH,70,9000,A\n")
