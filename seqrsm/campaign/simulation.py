@@ -33,7 +33,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import Member, members_of
 from seqrsm.simulate.runner import local_file
 from seqrsm.simulate.visits import Visit
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem, placed
 from seqrsm.store.records import NewScore
 
 _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
@@ -203,8 +203,11 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         raise SpecError("this campaign has no simulator", remedy, file=str(spec.folder / SPEC_NAME))
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
-    for _, name in utilities:
-        check_utility(name)
+    for k, (_, name) in enumerate(utilities):
+        try:
+            check_utility(name)
+        except SpecError as error:
+            raise SpecError(*(placed(spec, one, "application", k, "utility") for one in error.problems)) from error
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})

@@ -379,11 +379,15 @@ def _content_hash(single: Mapping[str, Table], repeated: Mapping[str, Sequence[T
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+def placed(spec: CampaignSpec, problem: Problem, *path: str | int) -> Problem:
+    """A problem with the place of a key in ``campaign.toml``."""
+    file = spec.folder / SPEC_NAME
+    return replace(problem, file=str(file), line=key_lines(file.read_text(encoding="utf-8-sig")).get(path))
+
+
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
     """A problem of a sensor's fixed parameter with its place in ``campaign.toml``."""
-    file, written = spec.folder / SPEC_NAME, str(problem.field)
-    lines = key_lines(file.read_text(encoding="utf-8-sig"))
-    if written == COVER:
-        return replace(problem, file=str(file), line=lines.get(("simulator", "scene")), field="[simulator] scene")
-    line = lines.get(("simulator", "fixed", written))
-    return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {written}")
+    if problem.field == COVER:
+        return replace(placed(spec, problem, "simulator", "scene"), field="[simulator] scene")
+    name = str(problem.field)
+    return replace(placed(spec, problem, "simulator", "fixed", name), field=f"[simulator.fixed] {name}")

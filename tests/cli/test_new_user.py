@@ -207,6 +207,14 @@ def test_settings_at_a_constraint_keep_four_digits() -> None:
             assert found[name] == pytest.approx(given[name], rel=2e-3)
 
 
+@pytest.mark.parametrize("utility", ["rank", "mine:score"])
+def test_a_utility_that_cannot_score_is_told_with_its_line(tiny, utility) -> None:
+    text = (tiny / "campaign.toml").read_text(encoding="utf-8")
+    line = text[: text.index("utility =")].count("\n") + 1
+    (tiny / "campaign.toml").write_text(text.replace('"percent_correct"', f'"{utility}"'), encoding="utf-8")
+    assert f"campaign.toml:{line}: [[application]] utility: " in call("check", tiny, code=2)
+
+
 def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) -> None:
     text = (tiny / "campaign.toml").read_text(encoding="utf-8")
 
