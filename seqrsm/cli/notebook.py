@@ -86,6 +86,13 @@ class Sections(Shown):
         return render_sections(self.sections)
 
 
+def _see_whole(**given: tuple[Any, int]) -> None:
+    """UserError where a value is no whole number from the least one that is told with it."""
+    for name, (value, least) in given.items():
+        if isinstance(value, bool) or not hasattr(value, "__index__") or value < least:
+            raise UserError(f"{name} is a whole number from {least}", "Correct it.", value=value)
+
+
 def why_not(n: int | None, runs: Sequence[RunRecord]) -> str:
     """Why not as many runs were issued as were asked for; "" where they were."""
     if n is None or len(runs) == n:
@@ -214,8 +221,7 @@ class Campaign:
     @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
         """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
-        if n is not None and (isinstance(n, bool) or not hasattr(n, "__index__") or n < 1):
-            raise UserError("the number of runs is a whole number from 1", "Correct it.", value=n)
+        _see_whole(n=(1 if n is None else n, 1))
         if self.spec.simulator is None and source in ("simulation", "best"):
             raise UserError("this campaign has no simulator", "Use flight.", field="--source", value=source)
         return list(self.opened.propose(n, source=source, csv=csv))
@@ -271,6 +277,7 @@ class Campaign:
     @_one_thread
     def carry_out(self, **options: Any) -> tuple[RunRecord, ...]:
         """Simulate the issued runs as `simulate` does and return records; ``options``: where, and who is told."""
+        _see_whole(workers=(options.get("workers", 1), 1))
         if self.spec.simulator is None and not self.opened.store.runs(source="simulation"):
             from seqrsm.campaign.simulation import check_simulator
 
@@ -286,6 +293,7 @@ class Campaign:
         """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""
         from seqrsm.campaign.loop import run_campaign
 
+        _see_whole(workers=(options.get("workers", 1), 1))
         return run_campaign(self.opened, **options)
 
     # -- looking --------------------------------------------------------------------------------------------------
@@ -325,6 +333,7 @@ class Campaign:
         """
         from seqrsm.campaign.candidates import measure_candidates
 
+        _see_whole(worlds=(worlds, 4), workers=(workers, 1))
         return Candidates(measure_candidates(self.opened, worlds=worlds, workers=workers, progress=progress))
 
     @_one_thread
@@ -374,6 +383,7 @@ class Campaign:
         from seqrsm.campaign.images import simulated
         from seqrsm.simulate.pictures import labelled_arrays, picture_of
 
+        _see_whole(run_id=(run_id, 0), number=(number, 1), threads=(threads, 1))
         given = {**(settings or {}), **more}
         texts = [f"{name}={value}" for name, value in given.items()]
         made = simulated(self.opened, texts, run_id, threads=threads, number=number)

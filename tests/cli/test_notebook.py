@@ -202,6 +202,26 @@ def test_what_cannot_be_leaves_no_folder(tmp_path: Path, more: dict, says: str) 
     assert not (tmp_path / "mine").exists()
 
 
+@pytest.mark.parametrize(
+    ("method", "given", "least"),
+    [
+        ("propose", {"n": 2.5}, 1),
+        ("simulate", {"workers": 0}, 1),
+        ("run", {"workers": True}, 1),
+        ("candidates", {"worlds": 2}, 4),
+        ("candidates", {"workers": 0}, 1),
+        ("image", {"run_id": -1}, 0),
+        ("image", {"threads": 0}, 1),
+        ("image", {"number": "2"}, 1),
+    ],
+)
+def test_whole_numbers_are_asked_for_as_by_the_commands(tmp_path: Path, method: str, given: dict, least: int) -> None:
+    c = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
+    ((name, value),) = given.items()
+    with pytest.raises(UserError, match=rf"{name} is a whole number from {least} \(got {value!r}\)"):
+        getattr(c, method)(**given)
+
+
 def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) -> None:
     c = seqrsm.Campaign.create(
         tmp_path / "m", factors={"x": (0, 9)}, half_width=1, model={"order": 1}, constraints="x < 8"
