@@ -109,7 +109,7 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     _, (_, prediction, _) = intervals(of_quadratic(analysis), analysis.scale, point, 0.95, (1, 5), 0.0)
     assert prediction.half_width == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
-    with pytest.raises(FitError, match="runs 5 without a standard error"):
+    with pytest.raises(FitError, match="run 5 without a standard error"):
         fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
 
 

@@ -128,10 +128,10 @@ def test_where_scores_count_by_decisions_the_form_asks_for_them_and_none_goes_wi
     folder = make(f"[model]\n{model}")
     folder.call("propose", "--source", "flight", "--csv", folder.path / "form.csv")
     header, *rows = (folder.path / "form.csv").read_text(encoding="utf-8").splitlines()
-    assert header.split(",")[-4:] == ["block", "n", "correct", "note"]
+    assert header.split(",")[-5:] == ["block", "score", "n", "correct", "note"]
     told = folder.ingest(f"{HEADER}\n1.5,12,HH,70\n1.7,12,HH,70\n", code=2)
     assert "scores.csv:2: n: no counts, which [model] needs (so 1 more row: line 3). Give n and correct." in told
-    filled = [",".join([*row.split(",")[:5], "80", str(50 + k), "x"]) for k, row in enumerate(rows)]
+    filled = [",".join([*row.split(",")[:5], "", "80", str(50 + k), "x"]) for k, row in enumerate(rows)]
     folder.ingest("\n".join([header, *filled]), name="filled.csv")
     assert [run["scores"][0]["n"] for run in folder.runs()] == [80] * len(rows)
 
