@@ -149,7 +149,7 @@ def test_scores_without_a_standard_error_are_named_where_they_would_count_by_it(
     se = np.full(24, 2.0)
     assert response_scale(spec, replace(narrow.data, score_se=se)).weights.tolist() == [1.0] * 24
     se[[3, 7]] = np.nan
-    with pytest.raises(FitError, match="runs 4, 8 have no standard error"):
+    with pytest.raises(FitError, match="runs 4, 8 without a standard error"):
         response_scale(spec, replace(narrow.data, score_se=se))
 
 
