@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import shlex
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -194,23 +195,23 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
 def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
     """The commands that made the campaign, in their order: what was proposed, ingested and voided, then the results."""
     name, runs = campaign.folder.name, {run.run_id: run for run in campaign.store.runs()}
-    steps = [] if campaign.spec.simulator is None else [f"seqrsm run {name}"]
-    seen: set[int] = set()
+    run_it, flight = (f"run {name}", " --source flight") if campaign.spec.simulator is not None else ("", "")
+    steps, sizes = [run_it] if run_it else [], Counter(run.batch for run in runs.values())
+    seen: set[object] = {"measured"}
     for event in campaign.store.events():
         run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
         if event.kind == "ingested":
             file = event.detail["name"]
-            steps.append(f"seqrsm ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}")
-        elif event.kind == "void ranking":
-            steps.append(f"seqrsm void {name} --ranking {event.detail['ranking']} --why {why}")
-        elif event.kind == "void":
-            steps.append(f"seqrsm void {name} {event.run_id} --why {why}")
-        elif event.kind == "proposed" and run and run.batch not in seen and not run.replaces:
+            steps.append(f"ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}")
+        elif event.kind in ("void", "void ranking"):
+            what = event.run_id or f"--ranking {event.detail['ranking']}"
+            steps.append(f"void {name} {what} --why {why}")
+        elif run and event.kind == "proposed" and {run.batch, run.purpose}.isdisjoint(seen) and run.replaces is None:
             seen.add(run.batch)
-            size = f" -n {sum(one.batch == run.batch for one in runs.values())}"
-            source = "" if campaign.spec.simulator is None else " --source flight"
-            propose = f"seqrsm propose {name}{'' if run.purpose in ('start', CONFIRMATION) else size}{source}"
-            step = f"seqrsm run {name}" if run.source == "simulation" else propose
-            steps += [step] if run.purpose != "measured" and steps[-1:] != [step] else []
-    shown = [] if campaign.spec.simulator is not None and len(steps) == 1 else [f"seqrsm fit {name}"]
-    return (*steps, *shown, *(f"seqrsm {command} {name}" for command in more), f"seqrsm report {name}")
+            size = "" if run.purpose in ("start", CONFIRMATION) else f" -n {sizes[run.batch]}"
+            step = run_it if run.source == "simulation" else f"propose {name}{size}{flight}"
+            steps += [step] if steps[-1:] != [step] else []
+    fit = [f"fit {name}"] if steps != [run_it] else []
+    return tuple(
+        f"seqrsm {step}" for step in (*steps, *fit, *(f"{command} {name}" for command in more), f"report {name}")
+    )

@@ -332,16 +332,11 @@ def plain_setting(factor: NumericFactor, value: float) -> float:
     return value
 
 
-def setting_text(factor: Factor, value: float | str) -> str:
-    """A level or setting as people write it, without its unit."""
-    if isinstance(value, str) or isinstance(factor, CategoricalFactor):
-        return str(value)
-    return f"{plain_setting(factor, float(value)):.15g}"
-
-
 def setting_with_unit(factor: Factor, value: float | str) -> str:
     """A level or setting as people write it, with its unit."""
-    return f"{setting_text(factor, value)} {factor.unit}".rstrip()
+    if isinstance(value, str) or isinstance(factor, CategoricalFactor):
+        return str(value)
+    return f"{plain_setting(factor, float(value)):.15g} {factor.unit}".rstrip()
 
 
 def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:

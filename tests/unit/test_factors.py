@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, plain_setting, setting_text
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, plain_setting, setting_with_unit
 from seqrsm.design.region import Region
 from seqrsm.errors import RegionError
 
@@ -117,11 +117,11 @@ def test_settings_are_rounded_as_far_as_the_range_allows():
     assert plain_setting(ContinuousFactor("f", 1.2, 17.0, scale="log"), 3.14159265) == 3.142
     narrow = ContinuousFactor("f", 10.0, 10.01)
     assert plain_setting(narrow, 10.0034159265) == 10.0034
-    assert setting_text(narrow, 10.0034159265) == "10.0034"
+    assert setting_with_unit(narrow, 10.0034159265) == "10.0034"
     far = ContinuousFactor("t", 1e9, 1e9 + 1.0)
     assert plain_setting(far, 1e9 + 0.123456789) == 1e9 + 0.123
-    assert setting_text(DiscreteFactor("n", (1.0, 2.0)), 2.0) == "2"
-    assert setting_text(CategoricalFactor("p", ("HH", "VV")), "VV") == "VV"
+    assert setting_with_unit(DiscreteFactor("n", (1.0, 2.0)), 2.0) == "2"
+    assert setting_with_unit(CategoricalFactor("p", ("HH", "VV")), "VV") == "VV"
 
 
 @pytest.mark.parametrize(("low", "high"), [(10.0, 10.01), (1e6, 1e6 + 1.0), (1.2, 17.0)])
