@@ -11,14 +11,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from scipy.special import stdtr, stdtrit
 
 from seqrsm.analysis.belief import Belief, mixed_quantiles
 from seqrsm.analysis.ground import future_sd
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.steps import joint_draws
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.fit.conjugate import where_reached
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +105,11 @@ def _quantile(scores: FloatArray, p: float, runs: float) -> float:
     mean, _, sd = np.array([_moments(place, runs) for place in scores]).T
     sd = np.maximum(sd, 1e-9)
     each = mean + stdtrit(df, p) * sd
-    if np.ptp(each) <= 1e-9:
-        return float(each[0])
-    return float(scipy.optimize.brentq(lambda x: np.mean(stdtr(df, (x - mean) / sd)) - p, each.min(), each.max()))
+
+    def below(x: FloatArray, _: IntArray) -> FloatArray:
+        return np.asarray(np.mean(stdtr(df, (x - mean[:, None]) / sd[:, None]), axis=0))
+
+    return float(where_reached(p, each[:, None], np.array([1e-9]), below)[0])
 
 
 def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:

@@ -25,7 +25,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.intervals import LackOfFit, known, t_quantile
-from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs
+from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs, known_scatter
 from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
@@ -214,8 +214,7 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
     model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    levels = tuple(int(best.point[j]) for j in region.categorical)
-    s = surface.s if surface.s > 0.0 else math.nan  # no scatter seen is none known
+    levels, s = tuple(int(best.point[j]) for j in region.categorical), known_scatter(surface.s)
     return stationary_point(
         model, region, surface.estimate, levels, variance=lambda rows: s**2 * surface.variance_unscaled(rows)
     )
@@ -236,11 +235,10 @@ def _decision(
     if surface.common_sd and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=(surface.common_sd / s) ** 2, counts_ground=True)
     lack = fit.lack_of_fit()
-    sd = belief.sd_of_run(estimate.point, float(t_quantile(np.inf, rule.level)))
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=sd if sd > 0.0 else math.nan,
+        s=known_scatter(belief.sd_of_run(estimate.point, float(t_quantile(np.inf, rule.level)))),
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=h,

@@ -15,7 +15,7 @@ from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.canonical import within_error
 from seqrsm.fit.intervals import LackOfFit
-from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
+from seqrsm.fit.least_squares import extrapolated, influential_runs, known_scatter, normal_plot
 from seqrsm.fit.natural import natural_transform
 
 
@@ -139,7 +139,7 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
 def _covariance(analysis: Analysis) -> dict[str, Any]:
     """Covariance s^2 (Z'WZ)^-1 of the coded coefficients, by the rows of its lower triangle."""
     fit = analysis.fit
-    matrix = fit.known_s**2 * fit.covariance_unscaled
+    matrix = known_scatter(fit.s) ** 2 * fit.covariance_unscaled
     return {"terms": list(fit.names), "lower_triangle": [matrix[i, : i + 1] for i in range(fit.n_terms)]}
 
 

@@ -60,8 +60,10 @@ class Surfaces:
         return logit_to_percent(values) if self.logit else values
 
     def slope(self, values: FloatArray) -> FloatArray:
-        """Change of the score with a value on the scale of the fit."""
-        return 1.0 / np.sqrt(logit_variance(logit_to_percent(values))) if self.logit else np.ones_like(values)
+        """Change (n, m) of the score with values (n, m) on the scale of the fit; (n, 1) where it is one for all m."""
+        if not self.logit:
+            return np.ones((len(values), 1))
+        return 1.0 / np.sqrt(logit_variance(logit_to_percent(values)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,18 +232,19 @@ class Budget:
         # Runs scatter alike in score units: by the square of the slope they count on the scale of the fit.
         own, root = Z[rows], slope[rows]
         y = truth[rows] + noise / root * spread.standard_normal((n_spread, len(every)))
-        weighted = own * root.T[:, :, None]  # (campaigns, runs, terms)
-        inverse = np.linalg.inv(np.swapaxes(weighted, 1, 2) @ weighted)
-        beta = np.einsum("cij,cnj,nc->ic", inverse, weighted, y * root)
+        weighted = own * root.T[:, :, None]  # (campaigns, runs, terms); one for all campaigns where they weigh alike
+        turned = np.swapaxes(weighted, 1, 2)
+        inverse = np.linalg.inv(turned @ weighted)
+        beta = (inverse @ (turned @ (y * root).T[:, :, None]))[..., 0].T
         rss = np.sum((root * (y - own @ beta)) ** 2, axis=0)
         fitted, through = Z @ beta, Z @ inverse
-        h = np.sum(through * Z, axis=2).T
+        h, slope = (np.broadcast_to(each, truth.shape) for each in (np.sum(through * Z, axis=2).T, slope))
         if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
             at = np.argmax(sign * fitted, axis=0)
             there, each = slope[at, every], noise * repeats.standard_normal((m, len(every)))
             apart = truth[at, every] + each.mean(axis=0) / there - fitted[at, every]
             gain = m * there**2 / (1.0 + m * there**2 * h[at, every])
-            across = np.einsum("cij,cj->ic", through, Z[at])
+            across = (through @ Z[at][:, :, None])[..., 0].T
             fitted, h = fitted + across * (gain * apart), h - across**2 * gain
             rss = rss + np.sum((each - each.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)

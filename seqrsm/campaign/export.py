@@ -148,10 +148,9 @@ def form_rows(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[list[str],
     """
     measured = [one for one in spec.applications if one.utility != "rank"]
     several = ["application"] if measured and len(spec.applications) > 1 else []
-    block, score = spec.model.block or "block", ("score", "n", "correct") if spec.of_counts else ("score", "se")
-    own = [
-        name for name in dict.fromkeys((block, *(score if measured else ()), "note")) if name not in spec.region.names
-    ]
+    block, score = spec.model.block or "block", ("score", *(("n", "correct") if spec.of_counts else ("se",)))
+    wanted = (block, *score, "note") if measured else (block, "note")
+    own = [name for name in dict.fromkeys(wanted) if name not in spec.region.names]
     rows: list[list[object]] = []
     for run in runs:
         cells = {block: run.block or None, "note": run.why}

@@ -151,11 +151,6 @@ class LeastSquaresFit:
     inflation: float
 
     @property
-    def known_s(self) -> float:
-        """``s``, nan where it is 0: no scatter seen is none known."""
-        return self.s if self.s > 0.0 else float("nan")
-
-    @property
     def t(self) -> FloatArray:
         """Student-t statistic of every coefficient (p,); nan where the standard error is undefined."""
         return np.asarray(self.estimate / self.se, dtype=np.float64)
@@ -207,7 +202,7 @@ class LeastSquaresFit:
             raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
-        h, s = self.variance_unscaled(rows), self.known_s
+        h, s = self.variance_unscaled(rows), known_scatter(self.s)
         se_mean = s * np.sqrt(h)
         se_prediction = s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
         quantile = t_quantile(self.df_residual, level)
@@ -301,6 +296,11 @@ class LeastSquaresFit:
         return np.where(np.array(self.kinds) == "intercept", np.nan, vif)
 
 
+def known_scatter(s: float) -> float:
+    """Standard deviation ``s`` of runs, nan where it is 0: no scatter seen is none known."""
+    return s if s > 0.0 else float("nan")
+
+
 def fit_least_squares(
     Z: FloatArray,
     y: FloatArray,
@@ -374,7 +374,7 @@ def fit_least_squares(
         names=names,
         kinds=kinds,
         estimate=estimate,
-        se=(s if s > 0.0 else np.nan) * np.sqrt(np.diagonal(C)),
+        se=known_scatter(s) * np.sqrt(np.diagonal(C)),
         covariance_unscaled=C,
         s=s,
         n_runs=n,

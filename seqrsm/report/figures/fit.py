@@ -157,7 +157,6 @@ def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, 
     axes.set_ylim(0.0, 1.12 * np.nanmax(np.append(widths[np.isfinite(widths)], target)))
     _whole_numbers(axes.xaxis)
     axes.set_xlabel("scored runs")
-    axes.locator_params(axis="x", integer=True, min_n_ticks=1)
     axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
     axes.legend(loc="best")
     drawing.light_grid(axes)
@@ -171,7 +170,6 @@ def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) ->
     axes.plot(_runs(looks), mean, marker="o", markersize=4, color=drawing.BLUE)
     _whole_numbers(axes.xaxis)
     axes.set_xlabel("scored runs")
-    axes.locator_params(axis="x", integer=True, min_n_ticks=1)
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -203,4 +201,4 @@ def _runs(looks: Sequence[Look]) -> FloatArray:
 def _whole_numbers(axis: Axis) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    axis.set_major_locator(MaxNLocator(6, integer=True))
+    axis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
