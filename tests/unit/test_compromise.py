@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scored_campaigns import numeric
 
-from seqrsm.analysis.compromise import Objective, campaign_compromise, compromise, desirability, pareto_front
+from seqrsm.analysis.compromise import (
+    Objective,
+    _application,
+    campaign_compromise,
+    compromise,
+    desirability,
+    pareto_front,
+)
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
@@ -174,3 +183,27 @@ def test_errors_of_one_application_are_not_those_of_another(tmp_path, sign) -> N
     # Of 200 draws: both vary by a tenth.
     assert found.credible["x0"].half_width == pytest.approx(half, rel=0.25)
     assert found.expected_shortfall == pytest.approx(float(lost.mean()), rel=0.3)
+
+
+def test_where_one_application_is_no_quadratic_another_may_be_one(tmp_path) -> None:
+    """Draws of the two kinds of surfaces come in an order of each application's own: by chance half of them meet."""
+    uses = "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\ngoal = "maximize"\n' for name in "ab")
+    text = f'[campaign]\nname = "test"\n{numeric(1)}{uses}[stop]\nhalf_width = 5.0\nmax_runs = 40\n'
+    (tmp_path / "campaign.toml").write_text(text, "utf-8")
+    made, rng = Campaign.open(tmp_path), np.random.default_rng(3)
+    settings = made.spec.region.decode(np.linspace(-1.0, 1.0, 12)[:, None])
+    runs = tuple(
+        IngestedRun(None, at, "flight", "", 1.0, tuple(NewScore(name, float(rng.normal(50.0))) for name in "ab"))
+        for at in settings
+    )
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), runs)])
+    far = SimpleNamespace(draw=lambda rng: (lambda points: np.full(len(points), 1000.0), 1.0))
+    departure = SimpleNamespace(believed=far, probability=0.5)
+    of_process = []
+    for analysis in made.analyse_all():
+        objective = _application(made.spec, replace(analysis, fitted=replace(analysis.fitted, departure=departure)))
+        assert objective.draws is not None
+        of_process.append(objective.draws(np.zeros((1, 1)))[:, 0] > 500.0)
+    assert [np.mean(one) for one in of_process] == [0.5, 0.5]
+    # Of 200 draws the share in common has a standard deviation of 0.035.
+    assert np.mean(of_process[0] == of_process[1]) == pytest.approx(0.5, abs=0.15)
