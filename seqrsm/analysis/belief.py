@@ -65,7 +65,8 @@ class Departure:
 
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
-        noise = 0.0 if self.believed is None else float(np.mean(self.believed.noise_variance)) / weight
+        process = self.believed
+        noise = 0.0 if process is None else float(np.mean(process.noise_variance / weight + process.common_variance))
         return float(np.sqrt(errors.run_variance * ((1.0 - self.probability) * s**2 + self.probability * noise)))
 
 
@@ -75,9 +76,7 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     ``stated``: campaign.toml states a prior of its coefficients, which a process knows nothing of.
     """
     model, fit, n = surface.model, surface.fit, len(surface.fit.y)
-    reason = surface.no_departure
-    if not reason and stated:
-        reason = STATED
+    reason = STATED if stated else ""
     if not reason and model.order == 1:
         reason = "the model is of first order"
     if not reason and not fit.s > 0.0:
@@ -87,10 +86,9 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    sources, nuisance = surface.for_process()
-    given = model, surface.data.points, fit.y, fit.weights, nuisance
+    given, beside = (model, surface.data.points, fit.y, fit.weights), surface.for_process()
     # What a look found is confirmed and sampled from by the same scores.
-    process = recalled(lambda: Process(*given, generator(seed, n, "process"), sources), (given, seed, sources))
+    process = recalled(lambda: Process(*given, generator(seed, n, "process"), *beside), (given, seed, beside))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)
@@ -167,7 +165,7 @@ class Belief:
         of_quadratic = self.surface.predict(rows, level, weight, replicates)
         if process is None:
             return of_quadratic
-        noise = process.noise_variance[:, None] / (weight * replicates)
+        noise = process.noise_variance[:, None] / (weight * replicates) + process.common_variance[:, None]
         df = self.surface.df_residual
 
         def mixed(own: Ends, added: FloatArray | float) -> Ends:
@@ -182,6 +180,13 @@ class Belief:
             confidence=mixed(of_quadratic.confidence, 0.0),
             prediction=mixed(of_quadratic.prediction, noise),
         )
+
+    @property
+    def common_sd(self) -> float:
+        """Standard deviation of what future runs made together have in common: a new block, where blocks are random."""
+        process, share = self.departure.believed, self.departure.probability
+        of_process = 0.0 if process is None else share * float(np.mean(process.common_variance))
+        return math.sqrt((1.0 - share) * self.surface.common_sd**2 + of_process)
 
     def scatter(self, point: FloatArray) -> tuple[float, float]:
         """Standard deviation of a future run, and variance of the mean in its square, at a coded point (k,).
@@ -294,7 +299,7 @@ def intervals_by_draws(
         found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise = belief.run_ratio * process.noise_variance
+        noise = belief.run_ratio * process.noise_variance  # of errors that know no random blocks
         own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))

@@ -232,8 +232,8 @@ def _decision(
     rule = stop_rule(spec.stop_of(application.name), fitted.ground_share)
     fit, surface = fitted.fit, fitted.surface
     s, h = belief.scatter(estimate.point)
-    if surface.common_sd and rule.interval != "confidence":  # which is of the average block
-        rule = replace(rule, ground_share=(surface.common_sd / s) ** 2, counts_ground=True)
+    if belief.common_sd and rule.interval != "confidence":  # which is of the average block
+        rule = replace(rule, ground_share=(belief.common_sd / s) ** 2, counts_ground=True)
     lack = fit.lack_of_fit()
     look = Look(
         n_runs=fit.n_runs,

@@ -33,7 +33,7 @@ from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, 
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.process import Sources
+from seqrsm.fit.process import Blocks, Sources
 from seqrsm.spec.read import CampaignSpec
 
 _TOO_FAR = 2.0
@@ -91,8 +91,6 @@ class Surface:
         What has to be said of it beside the figures; empty where nothing has.
     fixed_blocks : bool
         Blocks, where there are some, differ by constants.
-    no_departure : str
-        Why no process is weighed against it; empty where one is.
     """
 
     errors: ErrorModel
@@ -107,7 +105,6 @@ class Surface:
     note: str
 
     fixed_blocks: ClassVar[bool] = True
-    no_departure: ClassVar[str] = ""
 
     def rows(self, points: FloatArray) -> FloatArray:
         """Rows (m, c) of coded points (m, k)."""
@@ -146,9 +143,9 @@ class Surface:
         runs = self._runs(fit.Z, weights, prior, stated)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
-    def for_process(self) -> tuple[Sources | None, FloatArray]:
-        """What a process beside it knows of sources, and columns (n, e) of effects that are no part of the surface."""
-        return None, self.fit.Z[:, self.estimate.size :]
+    def for_process(self) -> tuple[Sources | None, Blocks | None]:
+        """What a process beside it knows of sources and blocks."""
+        return None, _of_fixed(self.fit.Z[:, self.estimate.size :])
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """Simulation against flight at a coded point (k,); None where there is one source."""
@@ -191,7 +188,6 @@ class RandomBlocks(Surface):
     posterior: RandomBlockPosterior
 
     fixed_blocks: ClassVar[bool] = False
-    no_departure: ClassVar[str] = "blocks are random"
 
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
@@ -220,6 +216,11 @@ class RandomBlocks(Surface):
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
         why = "exactly, not by emcee: the exact form is known with random blocks"
         return Draws(beta, sigma, made, share, sigma_block=of_blocks, instead=why)
+
+    def for_process(self) -> tuple[Sources | None, Blocks | None]:
+        """Future runs are made in a new block."""
+        assert self.fit.block_ids is not None
+        return None, Blocks(np.eye(1 + max(self.fit.block_ids))[self.fit.block_ids], new=True)
 
     def sd_of_run(self, weight: float) -> float:
         """Its weight is that of its own error alone."""
@@ -282,12 +283,12 @@ class TwoSources(Surface):
                 return Draws(to_flight(self.model, beta), sigma, made, share, instead=why)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
-    def for_process(self) -> tuple[Sources | None, FloatArray]:
+    def for_process(self) -> tuple[Sources | None, Blocks | None]:
         """The same difference, flights the own source."""
         both = self.both
         difference = discrepancy_sd(self.model, both.prior_sd)
         sources = Sources(both.runs.flights, difference, both.flight_weight, both.runs.ratio)
-        return sources, both.runs.Z[:, 2 * self.model.p :]
+        return sources, _of_fixed(both.runs.Z[:, 2 * self.model.p :])
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """On a transformed scale the difference is taken in scores."""
@@ -313,6 +314,13 @@ class TwoSources(Surface):
         """How blocks differ is not studied beside another source."""
         del spec
         return None
+
+
+def _of_fixed(contrasts: FloatArray) -> Blocks | None:
+    """Effects of blocks about their mean, from contrasts (n, e) of them."""
+    if not contrasts.size:
+        return None
+    return Blocks(contrasts @ np.linalg.pinv(np.unique(contrasts, axis=0)), new=False)
 
 
 def expected_of_flights(

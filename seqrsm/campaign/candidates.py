@@ -272,7 +272,7 @@ class _Comparer:
         terms, rng = analysis.posterior.term_draws, generator(self.spec.seed, 0, "candidates")
         # Nothing tells how far measured scores of two sensors scatter alike, but for the day that they share.
         variance, of_day = analysis.sd_of_run**2, 0.0
-        if common := analysis.fitted.surface.common_sd:
+        if common := analysis.belief.common_sd:
             of_day = variance * (common / analysis.belief.scatter(analysis.optimum.point)[0]) ** 2
         chance = (variance - of_day) / self.runs
         sds = math.sqrt(2.0 * chance), math.sqrt(chance + of_day)

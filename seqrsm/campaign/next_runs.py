@@ -145,7 +145,7 @@ class _Chooser:
         scored = {run.source for run in done if not run.pending}
         others_wait = any(run.pending and run.source != source for run in done)
         known = not others_wait and (scored == {source} or (source == "flight" and source in scored))
-        if process is None or self.spec.model.block is not None or not known:
+        if process is None or not known:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
         if departure.probability < _IMPROBABLE:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties, ((Optimum, 1.0),))

@@ -36,10 +36,11 @@ _DRAWS = 500
 
 @dataclass(frozen=True, slots=True)
 class _Truth:
-    """A surface on the scale of the fit, the standard deviation of its runs, and its best value."""
+    """A surface on the scale of the fit, standard deviations of its runs and of their days, and its best value."""
 
     mean: Callable[[FloatArray], FloatArray]
     sd: Callable[[FloatArray], FloatArray]
+    of_day: float
     best: float
 
 
@@ -54,7 +55,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         Too few scores to know anything yet.
     """
     analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
-    spec = _plain(campaign.spec, counts=bool(np.isfinite(analysis.scale.trials)))
+    spec = _plain(campaign.spec, analysis)
     draws = draw_coefficients(campaign.spec, analysis.fitted, sampler="exact", n_draws=2000)
     ended = []
     for i in range(n_campaigns):
@@ -66,33 +67,32 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     return _summary(campaign.spec, analysis, draws, ended)
 
 
-def _plain(spec: CampaignSpec, *, counts: bool) -> CampaignSpec:
-    """The first application alone, its scores normal and of equal weight unless they are counts, in no blocks."""
-    weights = "counts" if counts else "equal"
-    model = spec.model.model_copy(
-        update={"errors": "normal", "weights": weights, "block": None, "block_effect": "fixed"}
-    )
+def _plain(spec: CampaignSpec, analysis: Analysis) -> CampaignSpec:
+    """The first application alone, its scores normal and of equal weight unless they are counts.
+
+    In random blocks or none: what constants new ones would have, nobody knows.
+    """
+    weights = "counts" if np.isfinite(analysis.scale.trials) else "equal"
+    blocks = {"block": None, "block_effect": "fixed"} if analysis.fitted.surface.fixed_blocks else {}
+    model = spec.model.model_copy(update={"errors": "normal", "weights": weights, **blocks})
     return replace(spec, applications=spec.applications[:1], considerations=(), model=model, simulator=None)
 
 
 def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth:
     """A draw of the process, or of the quadratic, by their probabilities."""
     fitted, goal, region = analysis.fitted, analysis.goal, analysis.region
-    sign = sign_of(goal)
-    departure, weight_at = fitted.departure, fitted.scale.weight_at
-    if departure.believed is not None and rng.random() < departure.probability:
-        mean, sd = departure.believed.draw(rng)
+    process, sign = fitted.departure.believed, sign_of(goal)
+    if process is not None and rng.random() < fitted.departure.probability:
+        mean, sigma, of_day = process.draw(rng)
         (point, *_) = climb(lambda at: sign * mean(at), region, region.sample(_PLACES, rng), rng)
-        return _Truth(mean, lambda at: np.asarray(sd / np.sqrt(weight_at(mean(at)))), float(mean(point[None, :])[0]))
-    i = int(rng.integers(len(draws.sigma)))
-    sigma, of_block = draws.sigma[i], 0.0 if draws.sigma_block is None else draws.sigma_block[i]
-    beta = draws.terms[i]
-
-    def quadratic(at: FloatArray) -> FloatArray:
-        return np.asarray(analysis.model.matrix(at) @ beta)
-
-    best = optimum(analysis.model, region, beta, goal).value
-    return _Truth(quadratic, lambda at: np.hypot(sigma / np.sqrt(weight_at(quadratic(at))), of_block), best)
+        best = float(mean(point[None, :])[0])
+    else:
+        i = int(rng.integers(len(draws.sigma)))
+        sigma, of_day = draws.sigma[i], 0.0 if draws.sigma_block is None else float(draws.sigma_block[i])
+        beta = draws.terms[i]
+        mean = lambda at: np.asarray(analysis.model.matrix(at) @ beta)  # noqa: E731
+        best = optimum(analysis.model, region, beta, goal).value
+    return _Truth(mean, lambda at: np.asarray(sigma / np.sqrt(fitted.scale.weight_at(mean(at)))), of_day, best)
 
 
 def make_campaign(
@@ -112,6 +112,7 @@ def make_campaign(
         Of every run.
     score : callable
         Scores of new runs at coded points (n, k), in their order; the same settings may score otherwise next time.
+        Each call is for one batch, which is a block of its own where the model has blocks.
     n_draws : int
         Posterior draws at each look.
     ground : Ground or None
@@ -128,7 +129,9 @@ def make_campaign(
     runs: list[RunRecord] = []
     batch = 1
     new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), source)
+    blocked = spec.model.block is not None
     while True:
+        new = [replace(run, block=f"day {batch}") for run in new] if blocked else new
         scores = score(spec.region.code([run.settings for run in new]))
         runs += [
             scored_run(len(runs) + 1 + i, batch, run, scored)
@@ -173,6 +176,8 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
 
     def score(points: FloatArray) -> list[NewScore]:
         values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
+        if truth.of_day:
+            values += truth.of_day * rng.standard_normal()
         # The rule asks whether the optimum beats a guess, where that was simulated.
         of_guess = {"guess": known.data.guess}
         scores = [float(one) for one in to_score(values, 1.0)]
@@ -184,12 +189,12 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
     analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
     best = analysis.optimum
     at = best.point[None, :]
-    mean, sd = truth.mean(at), truth.sd(at)
+    mean, sd = truth.mean(at), np.hypot(truth.sd(at), truth.of_day)
     future = to_score(mean + sd * rng.standard_normal((400, 1)), 1.0)
-    # Flights over one ground: its part of the scatter is theirs in common.
-    share = analysis.fitted.ground_share
-    ground, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
-    several = np.mean(to_score(mean + sd * (np.sqrt(share) * ground + np.sqrt(1.0 - share) * chance), 1.0), axis=1)
+    # Flights of one day, over one ground: its part of the scatter is theirs in common.
+    share = (truth.of_day / sd) ** 2 if truth.of_day else analysis.fitted.ground_share
+    common, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
+    several = np.mean(to_score(mean + sd * (np.sqrt(share) * common + np.sqrt(1.0 - share) * chance), 1.0), axis=1)
     # What the ends of the scale keep from the scatter moves the mean.
     scattered = unlimited(mean + sd * ndtri((np.arange(400) + 0.5) / 400.0))
     true = unlimited(mean) + np.mean(np.clip(scattered, *limits) - scattered)
@@ -251,7 +256,7 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
         "± is a Monte Carlo standard error."
     ]
     if draws.sigma_block is not None:
-        notes.append("Each rehearsed run is in its own block, with the scatter between blocks.")
+        notes.append("Each rehearsed batch is a block of its own.")
     if np.isfinite(analysis.scale.trials):
         notes.append(f"All rehearsed runs are shares of {analysis.scale.trials:g} decisions, the median n.")
     elif spec.model.weights == "se":

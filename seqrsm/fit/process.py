@@ -1,10 +1,10 @@
 """A surface that need not be a quadratic: a Gaussian process about a shrunk quadratic, averaged over what is not known.
 
-``score(x) = c + z(u)'b + f(u) + nuisance + noise``, where each numeric factor's axis may be bent: u = `bent` (x). The
+``score(x) = c + z(u)'b + f(u) + block + noise``, where each numeric factor's axis may be bent: u = `bent` (x). The
 coefficients b are normal about 0 with one free scale, with the products of categories and squares that the quadratic
 model has not; f is a Matern 5/2 process with a length of its own for each numeric factor and one correlation between
-the levels of categories. Bends, scales, lengths and noise have priors, in units of the scores' scatter and of the
-region, and are drawn by importance: nothing rests on one best guess of them.
+the levels of categories; effects of blocks have one free scale. Bends, scales, lengths and noise have priors, in units
+of the scores' scatter and of the region, and are drawn by importance: nothing rests on one best guess of them.
 
 Of two sources, the surface is that of one of them; the other's departs from it by ``z(x)'d`` with normal d, and has a
 noise of its own (Kennedy & O'Hagan 2001, J. R. Statist. Soc. B 63, 425-464).
@@ -36,12 +36,12 @@ LEAST_RUNS = 8
 MOST_RUNS = 250
 """Above it a look would take many seconds: every likelihood costs the cube of the runs."""
 
-_VAGUE = 100.0  # prior variance of constants and nuisance effects, in units of the scores' variance
+_VAGUE = 100.0  # prior variance of the constant, in units of the scores' variance
 _JITTER = 1e-9
 _BEYOND = 1e300  # more than any sum of squared scores: keeps a matrix with the scores as its last row positive
-_PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "length": (1.2, 0.9)}
-"""Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
-scatter; lengths in units of a factor's half-range, but see `_TAIL`."""
+_PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "length": (1.2, 0.9), "block": (0.2, 1.2)}
+"""Medians, and standard deviations of the logarithm: of coefficients, process, noise and effects of blocks in units of
+the scores' scatter; lengths in units of a factor's half-range, but see `_TAIL`."""
 _TAIL = 2.0
 """Of the prior of lengths: above the median, what their logarithm gains with the square of the standard deviations. One
 factor of four has a length above 6, one of six above 20: the process hardly depends on it."""
@@ -77,6 +77,22 @@ class Sources:
 
 
 @dataclass(frozen=True, slots=True)
+class Blocks:
+    """How the scores of blocks differ: by effects that are alike in size.
+
+    Attributes
+    ----------
+    columns : ndarray (n, e)
+        Of the effects in each run.
+    new : bool
+        Future runs are made in a new block; otherwise in the mean one, where the columns are 0.
+    """
+
+    columns: FloatArray
+    new: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Hyper:
     """Draws of what the process rests on, in units of the scores' scatter; a row, or an entry, a draw.
 
@@ -92,6 +108,8 @@ class Hyper:
     difference, other_noise : ndarray (d,)
         Of two sources: what the stated standard deviation of their difference is multiplied by, and the noise of the
         other source; 0 of one.
+    block : ndarray (d,)
+        Standard deviation of the effects of blocks, 0 without blocks.
     """
 
     trend: FloatArray
@@ -102,18 +120,22 @@ class Hyper:
     bends: FloatArray
     difference: FloatArray
     other_noise: FloatArray
+    block: FloatArray
 
     @classmethod
-    def of(cls, theta: FloatArray, n_numeric: int, categories: bool, sources: bool) -> Hyper:
+    def of(cls, theta: FloatArray, n_numeric: int, categories: bool, sources: bool, blocks: bool) -> Hyper:
         """From rows (d, h) as they are sampled: logarithms, a logit of ``between`` before lengths, bends after them."""
         trend, process, noise = np.exp(theta[:, :3]).T
         between = 1.0 / (1.0 + np.exp(-theta[:, 3])) if categories else np.ones(len(theta))
-        lengths, bends, of_sources = np.split(theta[:, 3 + categories :], (n_numeric, 2 * n_numeric), axis=1)
+        ends = np.cumsum([n_numeric, n_numeric, 2 * sources])
+        lengths, bends, of_sources, of_blocks = np.split(theta[:, 3 + categories :], ends, axis=1)
         difference, share = np.exp(of_sources).T if sources else np.zeros((2, len(theta)))
+        (block,) = np.exp(of_blocks).T if blocks else np.zeros((1, len(theta)))
         other_noise, noise = (noise, share * noise) if sources else (share, noise)
         median, sd = _PRIOR["length"]
         above = np.maximum(lengths - np.log(median), 0.0) / sd
-        return cls(trend, process, noise, between, np.exp(lengths + _TAIL * above**2), bends, difference, other_noise)
+        lengths = np.exp(lengths + _TAIL * above**2)
+        return cls(trend, process, noise, between, lengths, bends, difference, other_noise, block)
 
     def some(self, which: slice) -> Hyper:
         """The draws in these places."""
@@ -151,13 +173,6 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     small = np.abs(bends) < 1e-4
     b = np.where(small, 1.0, bends)
     found: FloatArray = np.where(small, x + 0.5 * bends * (x**2 - 1.0), (np.exp(b * x) - np.cosh(b)) / np.sinh(b))
-    return found
-
-
-def _orthogonal(columns: FloatArray) -> FloatArray:
-    """Orthogonal columns (n, r) of unit mean square that span the same: the order of blocks makes no difference."""
-    sides, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    found: FloatArray = np.sqrt(len(columns)) * sides[:, sizes > 1e-9 * max(sizes, default=0.0)]
     return found
 
 
@@ -231,9 +246,9 @@ class Process:
         points: FloatArray,
         y: FloatArray,
         weights: FloatArray,
-        nuisance: FloatArray,
         rng: np.random.Generator,
         sources: Sources | None = None,
+        blocks: Blocks | None = None,
     ) -> None:
         """Sample.
 
@@ -247,20 +262,21 @@ class Process:
             Scores, not all equal.
         weights : ndarray (n,)
             Relative weights, > 0.
-        nuisance : ndarray (n, e)
-            Columns of effects that are no part of the surface (blocks); 0 in future runs.
         rng : numpy.random.Generator
         sources : Sources, optional
             Where runs are of two; future runs and the surface are of the own source.
+        blocks : Blocks, optional
+            Where there are several; they are no part of the surface.
         """
         self.model, weights = model, np.asarray(weights, dtype=np.float64)
         self.centre, self.scatter = float(np.mean(y)), float(np.std(y))
         # Equal runs at the same settings tell as much as their mean, and their scatter about it: matrices are smaller.
         own = np.ones(len(y), dtype=np.bool_) if sources is None else sources.own
-        same = np.hstack([points, nuisance, weights[:, None], own[:, None]])
+        self._blocks = Blocks(np.empty((len(y), 0)), False) if blocks is None else blocks
+        same = np.hstack([points, self._blocks.columns, weights[:, None], own[:, None]])
         _, first, place = np.unique(same, axis=0, return_index=True, return_inverse=True)
         self._place = place.reshape(-1)  # numpy 2.0 gives it a second axis
-        self._points, self._nuisance = np.asarray(points, dtype=np.float64)[first], _orthogonal(nuisance)[first]
+        self._points, self._columns_of_blocks = np.asarray(points, dtype=np.float64)[first], self._blocks.columns[first]
         self._inverse_weights, self._runs = 1.0 / weights[first], np.bincount(self._place)
         scores = (y - self.centre) / self.scatter
         self._y = np.bincount(self._place, scores) / self._runs
@@ -268,7 +284,7 @@ class Process:
         n, self._is_own, self._sources = len(first), own[first], sources
         i, j = np.tril_indices(n)
         self._pairs = i * n + j
-        self._vague = _VAGUE * (1.0 + np.sum(self._nuisance[i] * self._nuisance[j], axis=1))
+        self._in_blocks = np.sum(self._columns_of_blocks[i] * self._columns_of_blocks[j], axis=1)
         self._columns = trend_columns(model)
         self._base, self._levels = model.base(self._points), self._points[:, list(model.categorical)]
         self._apart = np.sum(self._levels[i] != self._levels[j], axis=1)
@@ -335,8 +351,8 @@ class Process:
                 variance -= np.sum(half**2, axis=0)
         return means, self.scatter**2 * np.maximum(variances, 0.0)
 
-    def draw(self, rng: np.random.Generator) -> tuple[Callable[[FloatArray], FloatArray], float]:
-        """One draw of the surface, a function of points (m, k), and the standard deviation of a run of weight 1.
+    def draw(self, rng: np.random.Generator) -> tuple[Callable[[FloatArray], FloatArray], float, float]:
+        """One draw: the surface, a function of points (m, k), and standard deviations of a run of weight 1 and a block.
 
         A draw of the process without scores, from random features, is moved by what the scores say (Wilson et al. 2020,
         Efficiently sampling functions from Gaussian process posteriors, ICML).
@@ -363,7 +379,7 @@ class Process:
         own = self._places_of_runs(h)
         # What scores have beyond the surface.
         others = np.diag(self._variances(h)[0] / self._runs)
-        others += _VAGUE * self._nuisance @ self._nuisance.T
+        others += np.square(h.block) * self._columns_of_blocks @ self._columns_of_blocks.T
         error = np.linalg.cholesky(others) @ rng.standard_normal(len(others))
         pull = cho_solve((self._factors[d], True), self._y - before(own) - error, check_finite=False)
 
@@ -371,12 +387,22 @@ class Process:
             at = self._places(h, points)
             return np.asarray(self.centre + self.scatter * (before(at) + self._covariance(h, at, own)[0] @ pull))
 
-        return surface, float(self.scatter * h.noise[0])
+        return surface, float(self.scatter * h.noise[0]), float(np.sqrt(self.common_variance[d]))
 
     @property
     def noise_variance(self) -> FloatArray:
         """Variance (d,) of a run of weight 1 for each draw, score units."""
         return np.asarray(np.square(self.scatter * self.hyper.noise))
+
+    @property
+    def block_variance(self) -> FloatArray:
+        """Variance (d,) of the effect of a block for each draw, score units."""
+        return np.asarray(np.square(self.scatter * self.hyper.block))
+
+    @property
+    def common_variance(self) -> FloatArray:
+        """Variance (d,) that future runs have in common, as those of a new block, for each draw, score units."""
+        return self._blocks.new * self.block_variance
 
     @property
     def variance_of_runs(self) -> FloatArray:
@@ -446,7 +472,7 @@ class Process:
         pairs, n = self._pairs, len(self._y)
         k = _matern(h, _squares(own, own).reshape(-1, n * n).take(pairs, axis=1), self._apart)
         k += (own.rows @ np.swapaxes(own.rows, 1, 2)).reshape(-1, n * n).take(pairs, axis=1)
-        k += self._vague
+        k += _VAGUE + np.square(h.block)[:, None] * self._in_blocks
         if self._sources is not None:
             k += np.square(h.difference)[:, None] * (own.difference @ own.difference.T).take(pairs)
         V, diagonal = np.zeros((len(k), n + 1, n + 1)), np.arange(n)
@@ -473,7 +499,8 @@ class Process:
         return found
 
     def _hyper_of(self, theta: FloatArray) -> Hyper:
-        return Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical), self._sources is not None)
+        given = bool(self.model.categorical), self._sources is not None, self._blocks.columns.size > 0
+        return Hyper.of(theta, len(self.model.numeric), *given)
 
     def _log_prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (h,) of the sampled coordinates."""
@@ -484,6 +511,8 @@ class Process:
         rows += [_BEND] * len(self.model.numeric)
         if self._sources is not None:  # the noise sampled is then that of the other source
             rows += [_DIFFERENCE, (-0.5 * np.log(self._sources.ratio), _OWN_NOISE)]
+        if self._blocks.columns.size:
+            rows.append((np.log(_PRIOR["block"][0]), _PRIOR["block"][1]))
         mean, sd = np.array(rows).T
         return mean, sd
 
@@ -510,26 +539,32 @@ class Process:
         return np.asarray(-0.5 * (sums + np.sum(np.log(self._runs))))
 
     def _log_evidence_of_quadratic(self) -> float:
-        """Of the model's own terms with coefficients of free scale and equal noise, on a grid of the two scales."""
-        rows = self.model.matrix(self._points)[:, 1:]
+        """Of the model's own terms with coefficients of free scale and equal noise, on a grid of the scales."""
+        rows, blocks = self.model.matrix(self._points)[:, 1:], self._columns_of_blocks
         weight = 1.0 if self._sources is None else self._sources.weight
         inverse_weights = self._inverse_weights / np.where(self._is_own, weight, 1.0)
         root = np.sqrt(self._runs / inverse_weights)
-        y, square = self._y * root, np.outer(root, root)
-        others = _VAGUE * (1.0 + self._nuisance @ self._nuisance.T) + self._difference @ self._difference.T
-        gram, vague = rows @ rows.T * square, others * square
-        (trend, sd_trend), (noise, sd_noise) = _PRIOR["trend"], _PRIOR["noise"]
+        known = np.hstack([np.full((len(rows), 1), np.sqrt(_VAGUE)), self._difference])
+        columns, y = np.hstack([known, rows, blocks]) * root[:, None], self._y * root
         z = np.linspace(-3.5, 3.5, 25)
-        step = z[1] - z[0]
-        variances = np.square(noise * np.exp(sd_noise * z))
-        logs = np.empty((len(z), len(z)))
-        for i, scale in enumerate(trend * np.exp(sd_trend * z)):
-            own, vectors = np.linalg.eigh(scale**2 * gram + vague)
-            total = np.maximum(own, 0.0)[:, None] + variances + _JITTER
-            logs[i] = -0.5 * np.sum(((vectors.T @ y) ** 2)[:, None] / total + np.log(total), axis=0)
-        logs += (
-            self._of_repeats((variances + _JITTER)[:, None] * inverse_weights)
-            - 0.5 * (z[:, None] ** 2 + z**2)
-            - np.log(2.0 * np.pi)
-        )
-        return float(logsumexp(logs) + 2.0 * np.log(step) + np.sum(np.log(root)))
+        grids = z, z if blocks.size else np.zeros(1), z
+        names = zip(("trend", "block", "noise"), grids, strict=True)
+        trends, of_blocks, noises = (_PRIOR[name][0] * np.exp(_PRIOR[name][1] * at) for name, at in names)
+        sizes = np.ones((len(trends), len(of_blocks), columns.shape[1]))
+        sizes[..., known.shape[1] : known.shape[1] + rows.shape[1]] = trends[:, None, None]
+        sizes[..., columns.shape[1] - blocks.shape[1] :] = of_blocks[:, None]
+        variances = np.square(noises) + _JITTER
+        gram, moment = columns.T @ columns, sizes * (columns.T @ y)
+        logs = np.empty((len(trends), len(of_blocks), len(noises)))
+        for log, size, along in zip(logs, sizes, moment, strict=True):
+            own, axes = np.linalg.eigh(size[:, :, None] * gram * size[:, None, :])
+            own = np.where(own > 1e-13 * own[:, -1:], own, np.inf)  # directions that no column has
+            squares = np.square(np.einsum("bij,bi->bj", axes, along)) / own
+            left = np.maximum(y @ y - np.sum(squares, axis=1), 0.0)[:, None] / variances
+            own, squares = np.where(np.isinf(own), 0.0, own)[..., None], squares[..., None]
+            total = own / variances + 1.0
+            log[:] = left + np.sum(squares / (variances * total) + np.log(total), axis=1) + len(y) * np.log(variances)
+        of_prior = z[:, None, None] ** 2 + grids[1][:, None] ** 2 + z**2
+        logs = self._of_repeats(variances[:, None] * inverse_weights) - 0.5 * (logs + of_prior)
+        scales = 2 + bool(blocks.size)
+        return float(logsumexp(logs) + scales * np.log((z[1] - z[0]) / np.sqrt(2.0 * np.pi)) + np.sum(np.log(root)))

@@ -84,8 +84,8 @@ class Cloud:
         For each draw of the process's hyperparameters; ``means`` rise towards the goal.
     mean, covariance : ndarray (m,), (m, m)
         Over all draws.
-    noise : float
-        Variance of a run of weight 1.
+    noise, block : float
+        Variance of a run of weight 1, and of the effect of a block.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class Cloud:
         apart = self.means - self.means.mean(axis=0)
         self.mean = self.means.mean(axis=0)
         self.covariance = self.covariances.mean(axis=0) + apart.T @ apart / len(means)
-        self.noise = float(process.noise_variance.mean())
+        self.noise, self.block = float(process.noise_variance.mean()), float(process.block_variance.mean())
 
     def draws(self, of_each: int, rng: np.random.Generator) -> FloatArray:
         """Joint draws (d * of_each, m) of the surface, rising towards the goal."""
@@ -172,7 +172,8 @@ def propose_from_process(
     """Choose the next ``n`` runs, each given all before it.
 
     A run is judged by what it takes, on average over the process's hyperparameters, off the variance of the value at
-    the recommended settings, and off the variance of what these lose against the optimum.
+    the recommended settings, and off the variance of what these lose against the optimum. Where there are blocks,
+    pending and new runs are made in one new block, whose effect has to be told from the surface by them.
 
     Parameters
     ----------
@@ -196,9 +197,9 @@ def propose_from_process(
         Equal inputs and seed give equal proposals.
     """
     cloud, rng = cloud_of(process, region, x_hat, made[~pending], sign, seed, made[pending] if pending.any() else None)
-    covariance, noise = cloud.covariance.copy(), cloud.noise / weight
+    ahead = _Ahead(cloud.covariance, cloud.noise / weight, cloud.block)
     for point in made[pending]:
-        _count(covariance, noise, int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
+        ahead.count(int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
     draws = cloud.draws(_DRAWS_OF_EACH, rng)
     best = np.argmax(draws, axis=1)
     inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
@@ -208,10 +209,10 @@ def propose_from_process(
     found = []
     for i in range(n):
         tell("choosing the next runs", i, n)
-        total = np.maximum(np.diag(covariance), 0.0) + noise
+        covariance, cross, total = ahead.covariance, ahead.cross, ahead.total
         at_hat = covariance[cloud.hat]
-        value = np.square(at_hat) / total
-        loss = np.mean(np.square(covariance[best] - at_hat), axis=0) / total
+        value = np.square(cross[cloud.hat]) / total
+        loss = np.mean(np.square(cross[best] - cross[cloud.hat]), axis=0) / total
         chosen = first_of_largest(np.where(allowed, value + loss, -np.inf))
         of_loss = np.mean(np.diag(covariance)[best] - 2.0 * at_hat[best] + at_hat[cloud.hat])
         narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
@@ -232,7 +233,7 @@ def propose_from_process(
             )
         )
         executed[chosen] = True
-        _count(covariance, noise, chosen)
+        ahead.count(chosen)
     return tuple(found)
 
 
@@ -246,7 +247,33 @@ def _root(covariance: FloatArray) -> FloatArray:
         return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))
 
 
-def _count(covariance: FloatArray, noise: float, index: int) -> None:
-    """Count a run at a place as made: the covariance falls, in place."""
-    row = covariance[index].copy()
-    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise)
+class _Ahead:
+    """What is known of the surface at m places, and of a new block, while runs are counted as made.
+
+    Attributes
+    ----------
+    cross : ndarray (m, m)
+        Covariance of the surface and of the scores that runs would have, from column to column.
+    total : ndarray (m,)
+        Variance of these scores.
+    """
+
+    def __init__(self, covariance: FloatArray, noise: float, block: float) -> None:
+        self._all, self._noise = np.pad(covariance, (0, 1)), noise  # the last one is the block's effect
+        self._all[-1, -1] = block
+        self._see()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the surface (m, m)."""
+        return self._all[:-1, :-1]
+
+    def count(self, place: int) -> None:
+        """Count a run there as made."""
+        row = np.append(self.cross[:, place], self._of_block[place])
+        self._all -= np.outer(row, row) / self.total[place]
+        self._see()
+
+    def _see(self) -> None:
+        self.cross, self._of_block = self.covariance + self._all[:-1, -1:], self._all[-1, :-1] + self._all[-1, -1]
+        self.total = np.maximum(np.diag(self.cross) + self._of_block, 0.0) + self._noise

@@ -49,10 +49,10 @@ def main() -> None:
     evidence, sought = Evidence(model.matrix(points), points), Sought(targets[0], targets)
     four = factors[:4]
     at = rng.uniform(-1.0, 1.0, (60, 4))
-    scores, none = 80.0 - 9.0 * np.sum(at**2, axis=1) + 2.0 * rng.standard_normal(60), np.empty((60, 0))
+    scores = 80.0 - 9.0 * np.sum(at**2, axis=1) + 2.0 * rng.standard_normal(60)
 
     def look() -> Process:
-        return Process(QuadraticModel(four), at, scores, np.ones(60), none, np.random.default_rng(0))
+        return Process(QuadraticModel(four), at, scores, np.ones(60), np.random.default_rng(0))
 
     process = look()
 

@@ -11,9 +11,12 @@ from scipy import stats
 from scipy.integrate import dblquad
 from statsmodels.regression.mixed_linear_model import MixedLM
 
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.process import Blocks, Process
 
 BETA = np.array([70.0, 4, -3, 2, -6, -5])
 
@@ -169,3 +172,27 @@ def test_draws_are_those_of_the_intervals() -> None:
     assert np.mean((wrong > low) & (wrong < high)) > 0.93  # control
     # The variance beside it is that of the draws but for the doubt about sigma.
     assert found.predict(row).se_mean[0] ** 2 == pytest.approx(np.var(beta @ row[0]), rel=0.15)
+
+
+def test_intervals_of_a_process_cover_the_mean_and_a_new_day() -> None:
+    """A narrow top by 40 runs on 8 days: 60 data sets, means over the region, and five runs of a ninth day."""
+    model = QuadraticModel(tuple(ContinuousFactor(name, -1.0, 1.0) for name in "ab"))
+    rng, days, covered = np.random.default_rng(12), np.arange(40) % 8, []
+
+    def hill(points: np.ndarray) -> np.ndarray:
+        return 50.0 + 30.0 * np.exp(-4.0 * np.sum((points - 0.3) ** 2, axis=1))
+
+    for _ in range(60):
+        points, at = rng.uniform(-1.0, 1.0, (2, 40, 2))
+        y = hill(points) + 2.0 * rng.normal(size=8)[days] + rng.normal(size=40)
+        process = Process(model, points, y, np.ones(40), rng, blocks=Blocks(np.eye(8)[days], new=True))
+        means, variances = process.marginals(at)
+        future = hill(at) + np.hypot(2.0, 1.0 / np.sqrt(5.0)) * rng.normal(size=40)
+        more = (process.common_variance + process.noise_variance / 5.0)[:, None]
+        reached = (
+            stats.norm.cdf(true, means, np.sqrt(spread)).mean(axis=0)
+            for true, spread in ((hill(at), variances), (future, variances + more))
+        )
+        covered.append([np.mean(np.abs(one - 0.5) < 0.475) for one in reached])
+    for one in np.array(covered).T:
+        assert one.mean() == pytest.approx(0.95, abs=3.0 * one.std() / np.sqrt(60))

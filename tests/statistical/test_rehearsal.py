@@ -35,8 +35,10 @@ def cliff(x: np.ndarray) -> np.ndarray:
     return hill(x) - 30.0 / (1.0 + np.exp(-12.0 * (x[:, 0] - 0.4)))
 
 
-def known(folder: Path, mean: Mean, sign: float = 1.0, model: str = "") -> tuple[CampaignSpec, Analysis]:
-    """What is known after a start design and fourteen runs anywhere."""
+def known(
+    folder: Path, mean: Mean, sign: float = 1.0, model: str = "", days: float = 0.0
+) -> tuple[CampaignSpec, Analysis]:
+    """What is known after a start design and fourteen runs anywhere, on eight ``days`` that scatter by so much."""
     goal = "maximize" if sign > 0.0 else "minimize"
     factors = "".join(f'[[factor]]\nname = "{name}"\nlow = -1.0\nhigh = 1.0\n' for name in "ab")
     folder.mkdir(parents=True, exist_ok=True)
@@ -50,9 +52,15 @@ def known(folder: Path, mean: Mean, sign: float = 1.0, model: str = "") -> tuple
     start = spec.region.code([run.settings for run in new])
     points = np.vstack([start, rng.uniform(-1.0, 1.0, (14, 2))])
     scores = sign * (mean(points) + SIGMA * rng.standard_normal(len(points)))
+    day = np.arange(len(points)) % 8
+    scores += days * np.linspace(-1.5, 1.5, 8)[day]
+    new = [
+        NewRun(settings, "start", "", "flight", block=f"{one}" if days else "")
+        for settings, one in zip(spec.region.decode(points), day, strict=True)
+    ]
     runs: list[RunRecord] = [
-        rehearsal.scored_run(i + 1, 1, NewRun(settings, "start", "", "flight"), NewScore("score", float(score)))
-        for i, (settings, score) in enumerate(zip(spec.region.decode(points), scores, strict=True))
+        rehearsal.scored_run(i + 1, 1, run, NewScore("score", float(score)))
+        for i, (run, score) in enumerate(zip(new, scores, strict=True))
     ]
     return spec, analyse(spec, spec.applications[0], runs, n_draws=500)
 
@@ -74,6 +82,32 @@ def test_intervals_cover_truths_that_are_drawn(tmp_path: Path) -> None:
     assert numbers["coverage_rule"] == numbers["coverage_new_run"]  # it watches the interval of one run
     assert 0.0 <= numbers["regret_median"] <= numbers["regret_p95"] < 5.0
     assert rehearsed(spec, analysis, 2)[0] == rehearsed(spec, analysis, 2)[0]
+
+
+@pytest.mark.parametrize("mean", [hill, cliff])
+def test_batches_of_random_days_are_rehearsed_by_days(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mean: Mean
+) -> None:
+    """Days that scatter thrice as much as runs: a batch shares its day's effect, and its analysis knows of days."""
+    random = '[model]\nblock = "block"\nblock_effect = "random"\n'
+    spec, analysis = known(tmp_path, mean, model=random, days=3.0 * SIGMA)
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
+    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(60)]
+    of_days, of_runs = (np.median([one.of_day for one in truths]), np.median([truths[0].sd(np.zeros((1, 2)))]))
+    assert of_days == pytest.approx(3.0 * SIGMA, rel=0.5)
+    assert of_runs == pytest.approx(SIGMA, rel=0.5)
+    made, make = [], rehearsal.make_campaign
+
+    def kept(*given: Any, **more: Any) -> tuple[Analysis, list[RunRecord]]:
+        made.append(make(*given, **more))
+        return made[-1]
+
+    monkeypatch.setattr(rehearsal, "make_campaign", kept)
+    found, _ = rehearsed(spec, analysis, 2)
+    assert "Each rehearsed batch is a block of its own." in found["notes"]
+    for last, runs in made:
+        assert not last.fitted.surface.fixed_blocks
+        assert [run.block for run in runs] == [f"day {run.batch}" for run in runs]
 
 
 def test_minimising_mirrors_maximising(tmp_path: Path) -> None:
@@ -149,9 +183,9 @@ def test_the_first_look_forecasts_what_campaigns_reach(tmp_path: Path) -> None:
 
 
 def test_the_first_application_alone_is_rehearsed(tmp_path: Path) -> None:
-    spec, _ = known(tmp_path, hill)
+    spec, analysis = known(tmp_path, hill)
     other = spec.applications[0].model_copy(update={"name": "other"})
-    plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)), counts=False)
+    plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)), analysis)
     assert [one.name for one in plain.applications] == ["score"]
     assert plain.considerations == ()
 

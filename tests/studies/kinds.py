@@ -69,6 +69,8 @@ class Kind:
         Of the category; 0 where there is none.
     errors : "normal", "student_t" or "counts"
         How scores scatter.
+    of_day : float
+        Standard deviation of what the runs of a batch, made on one day, have in common, in points.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Kind:
     noise: Callable[[Array], Array] = constant
     levels: int = 0
     errors: str = "normal"
+    of_day: float = 0.0
 
     def draw(self, seed: int) -> Drawn:
         """The surface of a seed."""
@@ -96,8 +99,10 @@ class Drawn:
         return self.kind.noise(self.value(X))
 
     def score(self, X: Array, rng: np.random.Generator) -> Array:
-        """Scores (n,) of runs."""
+        """Scores (n,) of runs of one day."""
         means = self.value(X)
+        if self.kind.of_day:
+            means = means + self.kind.of_day * rng.standard_normal()
         if self.kind.errors == "counts":
             return 100.0 * rng.binomial(TRIALS, means / 100.0) / TRIALS
         if self.kind.errors == "student_t":
@@ -229,6 +234,8 @@ KINDS: dict[str, Kind] = {
         Kind("sparse", 6, sparse, runs=60),
         Kind("narrow", 3, narrow),
         Kind("hartmann6", 6, hartmann6, runs=60),
+        Kind("days, saturating", 3, _old(surfaces.saturating, 3), of_day=SD),
+        Kind("days, cliff", 3, cliff, of_day=SD),
         Kind("student", 3, _old(surfaces.quadratic, 3), noise=student, errors="student_t"),
         Kind("counts", 3, shares, noise=counts, errors="counts"),
     )

@@ -75,6 +75,7 @@ Driver = Callable[..., Answer]
 def campaign_toml(kind: Kind, seed: int, max_runs: int) -> str:
     """``campaign.toml`` of a campaign whose scores are measured."""
     told = {"student_t": 'errors = "student_t"\n', "counts": 'weights = "counts"\n'}.get(kind.errors, "")
+    told += 'block = "day"\nblock_effect = "random"\n' if kind.of_day else ""
     factors = "".join(f'[[factor]]\nname = "x{j}"\nlow = -1.0\nhigh = 1.0\n' for j in range(kind.factors))
     if kind.levels:
         levels = json.dumps([f"level {level}" for level in range(kind.levels)])

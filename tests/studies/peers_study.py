@@ -75,7 +75,11 @@ def judged(drawn: Drawn, answer: Answer, seed: int) -> dict[str, object]:
     """An answer beside the truth."""
     best, top = true_optimum(drawn)
     truth = float(drawn.value(answer.point[None, :])[0])
-    scores = drawn.score(np.tile(answer.point, (NEW * answer.replicates, 1)), np.random.default_rng([seed, 11]))
+    rng, at = np.random.default_rng([seed, 11]), np.tile(answer.point, (answer.replicates, 1))
+    if drawn.kind.of_day:
+        scores = np.concatenate([drawn.score(at, rng) for _ in range(NEW)])
+    else:
+        scores = drawn.score(np.tile(at, (NEW, 1)), rng)
     means = scores.reshape(NEW, answer.replicates).mean(axis=1)
     places = [
         low - 1e-9 <= best[j] <= high + 1e-9 for j, (low, high) in answer.places.items() if matters(drawn, best, j)
@@ -281,7 +285,7 @@ def main() -> None:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
     done = {(row["kind"], row["driver"], row["mode"], row["seed"]) for row in rows}
-    told = ("student", "counts")  # only seqrsm can be told of such scores
+    told = ("student", "counts", "days, saturating", "days, cliff")  # only seqrsm can be told of such scores
     with path.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, FIELDS)
         if not rows:
@@ -290,7 +294,8 @@ def main() -> None:
             for name in given.kinds or KINDS:
                 for driver in given.drivers:
                     elsewhere = driver != "seqrsm" and (given.mode == "stop" or name in told)
-                    if elsewhere or (name, driver, given.mode, str(seed)) in done:
+                    endless = given.mode == "stop" and KINDS[name].of_day  # days alone scatter by more than the target
+                    if elsewhere or endless or (name, driver, given.mode, str(seed)) in done:
                         continue
                     try:
                         found = campaign(name, driver, given.mode, seed)

@@ -8,7 +8,7 @@ import numpy as np
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.process import Process
+from seqrsm.fit.process import Blocks, Process
 
 VAGUE, JITTER = 100.0, 1e-9
 Surface = Callable[[np.ndarray], np.ndarray]
@@ -42,7 +42,7 @@ def fitted(
     *,
     levels: tuple[int, ...] = (),
     weights: np.ndarray | None = None,
-    nuisance: np.ndarray | None = None,
+    blocks: Blocks | None = None,
     seed: int = 5,
 ) -> Process:
     """The process, with nothing beside the surface but what is given."""
@@ -52,8 +52,8 @@ def fitted(
         points,
         y,
         np.ones(n) if weights is None else weights,
-        np.zeros((n, 0)) if nuisance is None else nuisance,
         np.random.default_rng(seed),
+        blocks=blocks,
     )
 
 
@@ -100,7 +100,7 @@ def prior_covariance(
     """Of the surface between coded points a and b, in units of the scatter; ``theta`` as the process samples it."""
     scale, size = np.exp(theta[0]), np.exp(theta[1])
     between = 1.0 / (1.0 + np.exp(-theta[3])) if levels else 1.0
-    lengths, bends = lengths_of(theta[3 + bool(levels) :][:k]), theta[3 + bool(levels) + k :]
+    lengths, bends = lengths_of(theta[3 + bool(levels) :][:k]), theta[3 + bool(levels) + k :][:k]
     a, b = bent(a, bends), bent(b, bends)
     rows_a, rows_b = trend(a, k, levels), trend(b, k, levels)
     found = np.empty((len(a), len(b)))

@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.process import Process
-from seqrsm.propose.cloud import Cloud, _count, climb, propose_from_process
+from seqrsm.propose.cloud import Cloud, _Ahead, climb, propose_from_process
 
 BOX = Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(2)))
 TOP = np.array([0.3, 0.3])
@@ -116,12 +116,18 @@ def test_counting_run_by_run_is_counting_them_together() -> None:
     rng = np.random.default_rng(5)
     half = rng.normal(size=(12, 12))
     before, noise = half @ half.T, 1.3
-    found, runs = before.copy(), [3, 7, 3, 0]
-    for index in runs:
-        _count(found, noise, index)
-    cross = before[:, runs]
-    wanted = before - cross @ np.linalg.solve(before[np.ix_(runs, runs)] + noise * np.eye(len(runs)), cross.T)
-    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-10)
+    for block in (0.0, 2.5):  # runs of a new block share its effect
+        ahead, runs = _Ahead(before, noise, block), [3, 7, 3, 0]
+        for index in runs:
+            ahead.count(index)
+        cross = before[:, runs]
+        of_runs = before[np.ix_(runs, runs)] + block + noise * np.eye(len(runs))
+        wanted = before - cross @ np.linalg.solve(of_runs, cross.T)
+        np.testing.assert_allclose(ahead.covariance, wanted, rtol=1e-8, atol=1e-10)
+        left = before + block - (before[:, runs] + block) @ np.linalg.solve(of_runs, before[runs] + block)
+        np.testing.assert_allclose(ahead.total, np.diag(left) + noise, rtol=1e-8)
+        left = before - cross @ np.linalg.solve(of_runs, before[runs] + block)
+        np.testing.assert_allclose(ahead.cross, left, rtol=1e-8, atol=1e-10)
 
 
 def test_draws_have_the_mean_and_covariance_of_the_process(found) -> None:
@@ -166,7 +172,7 @@ def test_runs_are_settings_of_the_region(region: Region) -> None:
     rng = np.random.default_rng(6)
     made = region.sample(30, rng)
     y = hard_scores(made if region.k == 3 else np.column_stack([np.zeros(30), made])) + rng.normal(size=30)
-    process = Process(QuadraticModel(region.factors), made, y, np.ones(30), np.empty((30, 0)), rng)
+    process = Process(QuadraticModel(region.factors), made, y, np.ones(30), rng)
     best = made[int(np.argmax(y))]
     found = propose_from_process(process, region, best, made, np.zeros(30, dtype=bool), 8, seed=2)
     points = np.array([one.point for one in found])

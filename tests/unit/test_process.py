@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.ensemble import _sampler
-from seqrsm.fit.process import MOST_RUNS, Hyper, Process, bent, trend_columns
+from seqrsm.fit.process import MOST_RUNS, Blocks, Hyper, Process, bent, trend_columns
 
 CASES = {
     "two factors": (2, (), 25),
@@ -23,11 +23,12 @@ CASES = {
 
 
 def made(k: int, levels: tuple[int, ...], n: int, seed: int = 2) -> tuple[Process, dict[str, np.ndarray]]:
-    """With weights and two blocks."""
+    """With weights and two blocks, and a new one to come."""
     rng, points = np.random.default_rng(seed), spread(n, k, levels)
-    given = {"weights": np.exp(rng.normal(size=n)), "nuisance": np.where(np.arange(n) % 2, 1.0, -1.0)[:, None]}
+    weights, blocks = np.exp(rng.normal(size=n)), Blocks(np.eye(2)[np.arange(n) % 2], new=True)
     y = hill(points[:, :k]) + (2.0 * points[:, -1] if levels else 0.0) + rng.normal(size=n)
-    return fitted(points, y, levels=levels, **given), given | {"points": points, "y": y}
+    process = fitted(points, y, levels=levels, weights=weights, blocks=blocks)
+    return process, {"points": points, "y": y, "weights": weights, "blocks": blocks.columns}
 
 
 def thetas(process: Process, n: int, seed: int = 3) -> np.ndarray:
@@ -39,7 +40,7 @@ def thetas(process: Process, n: int, seed: int = 3) -> np.ndarray:
 def of_scores(theta: np.ndarray, given: dict, k: int, levels: tuple[int, ...]) -> np.ndarray:
     """Covariance of the scores, in units of their scatter."""
     found = prior_covariance(theta, given["points"], given["points"], k, levels)
-    found += VAGUE * given["nuisance"] @ given["nuisance"].T
+    found += np.exp(theta[-1]) ** 2 * given["blocks"] @ given["blocks"].T
     return found + noise_covariance(theta, given["weights"])
 
 
@@ -58,7 +59,7 @@ def test_likelihood_of_equal_runs_is_that_of_the_normal_distribution() -> None:
     """Six settings, five runs each of a weight of their own: they are one place to the process."""
     rng = np.random.default_rng(1)
     points, weights = np.repeat(spread(6, 2), 5, axis=0), np.repeat(np.exp(rng.normal(size=6)), 5)
-    given = {"points": points, "weights": weights, "nuisance": np.empty((30, 0))}
+    given = {"points": points, "weights": weights, "blocks": np.empty((30, 0))}
     y = hill(points) + rng.normal(size=30)
     process = fitted(points, y, weights=weights)
     thetas_of = thetas(process, 5)
@@ -121,13 +122,14 @@ def test_drawn_surfaces_have_the_mean_and_covariance_of_the_process(case: str) -
     process._keep(process._prior[0][None, :])
     points, rng = spread(5, k, levels, seed=8), np.random.default_rng(6)
     drawn = [process.draw(rng) for _ in range(600)]
-    values = np.array([surface(points) for surface, _ in drawn])
+    values = np.array([surface(points) for surface, _, _ in drawn])
     (mean,), (covariance,) = process.joint(points)
     se = np.sqrt(np.diag(covariance) / len(values))
     np.testing.assert_array_less(np.abs(values.mean(axis=0) - mean), 5.0 * se)
     sd = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(np.cov(values.T) / np.outer(sd, sd), covariance / np.outer(sd, sd), atol=0.25)
     assert drawn[0][1] ** 2 == pytest.approx(process.noise_variance[0], rel=1e-12)
+    assert drawn[0][2] == pytest.approx(process.scatter * process.hyper.block[0], rel=1e-12)
 
 
 # evidence -------------------------------------------------------------------------------------------------------------
@@ -141,10 +143,10 @@ def one_factor(surface: str) -> tuple[Process, np.ndarray, np.ndarray]:
     return fitted(points, y, weights=weights), (y - y.mean()) / y.std(), weights
 
 
-def of_quadratic(points: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
-    """Log evidence of the quadratic by scipy's quadrature over the two scales."""
+def of_quadratic(points: np.ndarray, y: np.ndarray, weights: np.ndarray, fixed: float | np.ndarray = 0.0) -> float:
+    """Log evidence of the quadratic by scipy's quadrature over the two scales; ``fixed`` is known of the scores."""
     rows = np.hstack([points, points**2])
-    fixed, own = VAGUE * np.ones((len(y), len(y))), np.diag(1.0 / weights)
+    fixed, own = fixed + VAGUE * np.ones((len(y), len(y))), np.diag(1.0 / weights)
 
     def log_density(z: float, t: float) -> float:
         trend_sd, noise_sd = 0.5 * np.exp(z), 0.2 * np.exp(1.2 * t)
@@ -172,6 +174,38 @@ def test_bayes_factor_is_the_ratio_of_two_integrals(surface: str) -> None:
     assert effective > 500.0
     error = np.sqrt(1.0 / effective + 1.0 / process.effective_draws)
     assert process.log_bayes_factor == pytest.approx(drawn - quadratic, abs=4.0 * error)
+
+
+def test_evidence_of_the_quadratic_is_averaged_over_the_size_of_blocks() -> None:
+    points, blocks = np.linspace(-1.0, 1.0, 12)[:, None], np.eye(4)[np.arange(12) % 4]
+    y = bowl(points) + 3.0 * np.array([1.0, -1.0, 0.5, 0.0])[np.arange(12) % 4]
+    y += np.random.default_rng(11).normal(size=12)
+    process, scores = fitted(points, y, blocks=Blocks(blocks, new=True)), (y - y.mean()) / y.std()
+    nodes = np.linspace(-4.0, 4.0, 17)
+    logs = [
+        of_quadratic(process._points, scores, np.ones(12), (0.2 * np.exp(1.2 * z)) ** 2 * blocks @ blocks.T)
+        for z in nodes
+    ]
+    expected = logsumexp(logs, b=0.5 * stats.norm.pdf(nodes))
+    assert process._log_evidence_of_quadratic() == pytest.approx(expected, abs=0.01)
+
+
+def test_the_size_of_blocks_is_found() -> None:
+    """Eight days that differ by a standard deviation of 5, runs by 1: what the scores say of both, and of the mean."""
+    rng, points, at = np.random.default_rng(4), spread(64, 2), spread(30, 2, seed=9)
+    days = np.arange(64) % 8
+    effects = 5.0 * stats.norm.ppf((np.arange(8) + 0.5) / 8.0)
+    y = hill(points) + effects[days] + rng.normal(size=64)
+    process = fitted(points, y, blocks=Blocks(np.eye(8)[days], new=True))
+    assert np.sqrt(np.mean(process.noise_variance)) == pytest.approx(1.0, rel=0.3)
+    assert np.sqrt(np.median(process.common_variance)) == pytest.approx(5.0, rel=0.3)
+    np.testing.assert_array_equal(process.common_variance, process.block_variance)
+    means, variances = process.marginals(at)
+    assert np.mean(np.abs(means.mean(axis=0) - hill(at)) < 2.0 * np.sqrt(variances.mean(axis=0))) > 0.9
+    centred = np.eye(8)[days] - 1.0 / 8.0  # the mean of the eight: known far better
+    of_mean = fitted(points, y, blocks=Blocks(centred, new=False))
+    assert np.all(of_mean.common_variance == 0.0)
+    assert np.median(of_mean.marginals(at)[1]) < 0.3 * np.median(variances)
 
 
 def test_bayes_factor_tells_a_narrow_top_from_a_quadratic() -> None:
@@ -320,14 +354,17 @@ def test_most_runs() -> None:
 
 def test_hyperparameters_by_name() -> None:
     theta = np.array([[0.1, 0.2, 0.3, 0.0, -1.0, 2.0, -1.0, 3.0]])
-    h = Hyper.of(theta, 2, categories=True, sources=False)
+    h = Hyper.of(theta, 2, categories=True, sources=False, blocks=False)
     assert (h.trend[0], h.process[0], h.noise[0]) == tuple(np.exp([0.1, 0.2, 0.3]))
     assert h.between[0] == 0.5
     far = ((2.0 - np.log(1.2)) / 0.9) ** 2
     np.testing.assert_allclose(h.lengths, np.exp([[-1.0, 2.0 + 2.0 * far]]), rtol=1e-14)
     np.testing.assert_array_equal(h.bends, [[-1.0, 3.0]])
-    assert Hyper.of(theta[:, :5], 1, categories=False, sources=False).between[0] == 1.0
-    assert (h.difference[0], h.other_noise[0]) == (0.0, 0.0)
+    assert Hyper.of(theta[:, :5], 1, categories=False, sources=False, blocks=False).between[0] == 1.0
+    assert (h.difference[0], h.other_noise[0], h.block[0]) == (0.0, 0.0, 0.0)
+    h = Hyper.of(theta, 1, categories=False, sources=True, blocks=True)
+    assert h.block[0] == np.exp(3.0)
+    assert (h.difference[0], h.other_noise[0], h.noise[0]) == pytest.approx(np.exp([2.0, 0.3, -0.7]), rel=1e-14)
     two = Hyper.of(np.append(theta, [[0.5, -0.5]], axis=1), 2, categories=True, sources=True)
     assert (two.difference[0], two.other_noise[0]) == tuple(np.exp([0.5, 0.3]))
     assert two.noise[0] == pytest.approx(np.exp(0.3 - 0.5))  # of the own source: a share of the other's

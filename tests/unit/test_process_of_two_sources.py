@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.process import Process, Sources
+from seqrsm.fit.process import Blocks, Process, Sources
 
 K, LEVELS, N = 2, (3,), 30
 MODEL = QuadraticModel(factors(K, LEVELS))
@@ -29,21 +29,22 @@ def given() -> dict[str, np.ndarray]:
 def process_of(data: dict[str, np.ndarray], seed: int = 5) -> Process:
     sources = Sources(data["flights"], SD, 4.0)
     rng = np.random.default_rng(seed)
-    return Process(MODEL, data["points"], data["y"], data["weights"], data["days"], rng, sources)
+    blocks = Blocks(data["days"], new=False)
+    return Process(MODEL, data["points"], data["y"], data["weights"], rng, sources, blocks)
 
 
 def difference(theta: np.ndarray, a: np.ndarray, b: np.ndarray, scatter: float) -> np.ndarray:
     """Covariance of the flights' difference, in units of the scatter."""
-    return np.exp(theta[-2]) ** 2 * (MODEL.matrix(a) * (SD / scatter) ** 2) @ MODEL.matrix(b).T
+    return np.exp(theta[-3]) ** 2 * (MODEL.matrix(a) * (SD / scatter) ** 2) @ MODEL.matrix(b).T
 
 
 def of_scores(theta: np.ndarray, data: dict[str, np.ndarray]) -> np.ndarray:
     """Covariance of the scores, in units of their scatter."""
     points, flights, scatter = data["points"], data["flights"], float(np.std(data["y"]))
-    found = prior_covariance(theta[:-2], points, points, K, LEVELS)
-    found += VAGUE * N / np.sum(data["days"] ** 2) * data["days"] @ data["days"].T
+    found = prior_covariance(theta, points, points, K, LEVELS)
+    found += np.exp(theta[-1]) ** 2 * data["days"] @ data["days"].T
     found += difference(theta, points, points, scatter) * np.outer(flights, flights)
-    noise = np.exp(theta[2]) * np.where(flights, np.exp(theta[-1]), 1.0)  # flights are the own source
+    noise = np.exp(theta[2]) * np.where(flights, np.exp(theta[-2]), 1.0)  # flights are the own source
     return found + np.diag(noise**2 / data["weights"] + JITTER)
 
 
@@ -70,9 +71,9 @@ def test_mean_and_covariance_are_those_of_flights() -> None:
     _, variances = process.marginals(at)
     for d, one in enumerate(theta):
         V = of_scores(one, data)
-        cross = prior_covariance(one[:-2], at, data["points"], K, LEVELS)
+        cross = prior_covariance(one, at, data["points"], K, LEVELS)
         cross += difference(one, at, data["points"], scatter) * data["flights"]
-        inside = prior_covariance(one[:-2], at, at, K, LEVELS) + difference(one, at, at, scatter)
+        inside = prior_covariance(one, at, at, K, LEVELS) + difference(one, at, at, scatter)
         told = data["y"].mean() + cross @ np.linalg.solve(V, data["y"] - data["y"].mean())
         left = scatter**2 * (inside - cross @ np.linalg.solve(V, cross.T))
         np.testing.assert_allclose(means[d], told, rtol=1e-6)
@@ -100,7 +101,7 @@ def test_flights_differ_and_scatter_less() -> None:
     truth = lambda x: hill(x[:, :K]) + x[:, -1]  # noqa: E731
     y = truth(points) - 5.0 * flights + np.where(flights, 0.5, 4.0) * rng.normal(size=60)
     sources = Sources(flights, np.full(MODEL.p, 4.0), 4.0)
-    process = Process(MODEL, points, y, np.ones(60), np.empty((60, 0)), np.random.default_rng(1), sources)
+    process = Process(MODEL, points, y, np.ones(60), np.random.default_rng(1), sources)
     assert np.sqrt(process.variance_of_runs[~flights]) == pytest.approx(4.0, rel=0.35)
     assert np.all(process.variance_of_runs[flights] < 0.25 * process.variance_of_runs[~flights])
     assert abs(float(np.mean(process.mean(at) - truth(at) + 5.0))) < 1.0
@@ -112,20 +113,25 @@ def test_evidence_of_the_quadratic_is_the_integral_written_down() -> None:
     points, flights, scatter = data["points"], data["flights"], float(np.std(data["y"]))
     y = (data["y"] - data["y"].mean()) / scatter
     differs = (MODEL.matrix(points) * (SD / scatter) ** 2) @ MODEL.matrix(points).T * np.outer(flights, flights)
-    known = VAGUE * (1.0 + N / np.sum(data["days"] ** 2) * data["days"] @ data["days"].T) + differs
+    of_days = data["days"] @ data["days"].T
     rows, weights = MODEL.matrix(points)[:, 1:], data["weights"] * np.where(flights, 4.0, 1.0)
     z = np.linspace(-3.5, 3.5, 25)
     logs = [
         stats.multivariate_normal(
             np.zeros(N),
-            known + (0.5 * np.exp(a)) ** 2 * rows @ rows.T + np.diag(((0.2 * np.exp(1.2 * b)) ** 2 + JITTER) / weights),
+            VAGUE
+            + differs
+            + (0.5 * np.exp(a)) ** 2 * rows @ rows.T
+            + (0.2 * np.exp(1.2 * c)) ** 2 * of_days
+            + np.diag(((0.2 * np.exp(1.2 * b)) ** 2 + JITTER) / weights),
         ).logpdf(y)
-        - 0.5 * (a**2 + b**2)
-        - np.log(2.0 * np.pi)
+        - 0.5 * (a**2 + b**2 + c**2)
+        - 1.5 * np.log(2.0 * np.pi)
         for a in z
         for b in z
+        for c in z
     ]
-    expected = logsumexp(logs) + 2.0 * np.log(z[1] - z[0]) + 0.5 * N * np.log(2.0 * np.pi)
+    expected = logsumexp(logs) + 3.0 * np.log(z[1] - z[0]) + 0.5 * N * np.log(2.0 * np.pi)
     assert process_of(data)._log_evidence_of_quadratic() == pytest.approx(expected, rel=1e-6)
 
 
@@ -133,6 +139,6 @@ def test_without_difference_and_with_equal_noise_sources_are_one() -> None:
     """The quadratic's evidence does not know of a source that says the same."""
     data = given()
     same = Sources(data["flights"], np.zeros(MODEL.p), 1.0)
-    arguments = MODEL, data["points"], data["y"], data["weights"], data["days"]
-    one, two = (Process(*arguments, np.random.default_rng(1), sources) for sources in (None, same))
+    arguments, blocks = (MODEL, data["points"], data["y"], data["weights"]), Blocks(data["days"], new=False)
+    one, two = (Process(*arguments, np.random.default_rng(1), sources, blocks) for sources in (None, same))
     assert two._log_evidence_of_quadratic() == pytest.approx(one._log_evidence_of_quadratic(), rel=1e-9)

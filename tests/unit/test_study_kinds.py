@@ -74,6 +74,10 @@ def test_shapes_and_noise(kind: kinds.Kind) -> None:
     assert not np.allclose(kind.draw(1).value(X), means)
     rng = np.random.default_rng(2)
     scores = drawn.score(np.tile(X, (4000, 1)), rng).reshape(4000, 5)
+    if kind.of_day:  # runs of one day have its effect in common
+        days = np.array([drawn.score(X[:1], rng)[0] for _ in range(4000)]) - means[0]
+        assert np.std(days) == pytest.approx(np.hypot(kind.of_day, sd[0]), rel=0.06)
+        scores -= np.mean(scores - means)
     assert np.all(np.abs(scores.mean(axis=0) - means) < 5.0 * sd / np.sqrt(4000))
     assert scores.std(axis=0) == pytest.approx(sd, rel=0.2 if kind.errors == "student_t" else 0.06)
 
