@@ -20,10 +20,10 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import SpecError
 from seqrsm.fit.optimum import sign_of
-from seqrsm.propose.batch import PLAN, Plan, propose_batch
+from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import propose_from_process
-from seqrsm.propose.criteria import Optimum, Proposal, Spread
+from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -34,7 +34,7 @@ CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the initial design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
-_DAY_PRECISION, _DAY_KNOWN = 0.01, 1e6  # of a new day's effect: within 10 standard deviations of a run, or none
+_DAY_PRECISION = 1.0  # prior, of a new day's effect: days differ as much as runs do
 _WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
 _IMPROBABLE = 0.15  # a process that proposes no runs
@@ -133,22 +133,20 @@ class _Chooser:
         self.target = analysis.optimum.point
 
     def batch(
-        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int
+        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray
     ) -> tuple[Proposal, ...]:
-        """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
+        """``n`` runs of one source, after those that are ``done``.
 
-        By the process where one was weighed that knows of runs of this source: of two it is that of flights. Where the
-        process is improbable, by the quadratic, and none of the runs has to test it: the process does.
+        By the process where one was weighed that knows of runs of this source, unless it is improbable: of two it is
+        that of flights.
         """
         departure = self.analysis.fitted.departure
         process = departure.process
         scored = {run.source for run in done if not run.pending}
         others_wait = any(run.pending and run.source != source for run in done)
         known = not others_wait and (scored == {source} or (source == "flight" and source in scored))
-        if process is None or not known:
-            return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
-        if departure.probability < _IMPROBABLE:
-            return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties, ((Optimum, 1.0),))
+        if process is None or not known or departure.probability < _IMPROBABLE:
+            return self.batch_by_quadratic(done, n, source, df_pure_error, barred)
         return propose_from_process(
             process,
             self.spec.region,
@@ -163,16 +161,9 @@ class _Chooser:
         )
 
     def batch_by_quadratic(
-        self,
-        done: Sequence[_Made],
-        n: int,
-        source: str,
-        df_pure_error: int,
-        barred: FloatArray,
-        ties: int | None,
-        plan: Plan = PLAN,
+        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray
     ) -> tuple[Proposal, ...]:
-        """The same by the quadratic alone; with ``ties`` None a new day counts as tied already."""
+        """The same by the quadratic alone; where a process was weighed no run has to test it, as the process does."""
         points = self.spec.region.code([run.settings for run in done])
         flights = np.array([run.source == "flight" for run in done], dtype=np.bool_)
         two = len({run.source for run in done} | {source}) > 1
@@ -186,8 +177,7 @@ class _Chooser:
         if new_day:
             effects = np.append(np.zeros(columns.shape[1] - 1), 1.0)
             rows = lambda at: np.hstack([of_model(at), np.tile(effects, (len(at), 1))])  # noqa: E731
-            doubt = _DAY_PRECISION if ties is not None else _DAY_KNOWN
-            precision = _with_day(precision, Z.shape[1] + columns.shape[1], doubt)
+            precision = _with_day(precision, Z.shape[1] + columns.shape[1])
         weights, weight = self.weights(points), float(self.weights(self.target[None, :])[0])
         if two:
             of_flight = self.difference()[1]
@@ -207,10 +197,9 @@ class _Chooser:
             ),
             self.sought(two),
             n,
-            plan,
+            PLAN if self.analysis.fitted.departure.process is None else FOR_THE_OPTIMUM,
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=batch_seed(self.spec.seed, len(done)),
-            ties=(ties or 0) if new_day else 0,
         )
 
     def sought(self, two: bool) -> Sought:
@@ -255,12 +244,12 @@ def _day_columns(used: Sequence[_Made]) -> FloatArray:
     return columns
 
 
-def _with_day(precision: FloatArray | None, size: int, of_day: float) -> FloatArray:
+def _with_day(precision: FloatArray | None, size: int) -> FloatArray:
     """Prior precision (size, size) with that of a new day's effect in the last place."""
     found = np.zeros((size, size))
     if precision is not None:
         found[: len(precision), : len(precision)] = precision
-    found[-1, -1] = of_day
+    found[-1, -1] = _DAY_PRECISION
     return found
 
 
@@ -291,7 +280,6 @@ def next_batch(
     region = spec.region
     barred = region.code([run.proposed for run in failed]) if failed else np.empty((0, region.k))
     done = [_Made(run.settings, run.source, run.block, run.state != "scored") for run in active]
-    ties = _ties_wanted(spec, active, n)
     made: list[NewRun] = []
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])
@@ -299,12 +287,11 @@ def next_batch(
         pure = analyses[index].fit.df_pure_error + repeats
         batch: Iterable[tuple[Proposal, str]]
         if source == "best":
-            batch = (_best_source(chooser, done, pure, barred, ties) for _ in range(share))
+            batch = (_best_source(chooser, done, pure, barred) for _ in range(share))
         else:
-            batch = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred, ties)]
+            batch = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred)]
         for proposal, chosen in batch:
             pure += proposal.repeats
-            ties -= proposal.purpose == "tie"
             setting = _settings_of(region, proposal, done)
             why = proposal.why if len(analyses) == 1 else f"{chooser.analysis.application}: {proposal.why}"
             made.append(NewRun(setting, proposal.purpose, why, chosen, spec.cost.of(chosen)))
@@ -345,32 +332,20 @@ def in_random_order(runs: Sequence[NewRun], seed: int, n_made: int) -> list[NewR
 
 
 def _best_source(
-    chooser: _Chooser, done: Sequence[_Made], df_pure_error: int, barred: FloatArray, ties: int
+    chooser: _Chooser, done: Sequence[_Made], df_pure_error: int, barred: FloatArray
 ) -> tuple[Proposal, str]:
     """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper.
 
-    Both are judged by the quadratic, as a process knows of one source. A flight is judged by what it tells once its day
-    is tied; the first one that is worth its cost ties it.
+    Both are judged by the quadratic, as a process knows of one source.
     """
-    known = None if ties else 0
     sources = ("simulation", "flight")
-    found = {source: chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
+    found = {source: chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred)[0] for source in sources}
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
         source = min(found, key=lambda name: chooser.spec.cost.of(name))
     else:
         source = max(found, key=lambda name: found[name].gain)
-    if source == "flight" and ties > 0:
-        return chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred, ties)[0], source
     return found[source], source
-
-
-def _ties_wanted(spec: CampaignSpec, active: Sequence[RunRecord], n: int) -> int:
-    """Runs of a batch that tie its day to the earlier ones: one in four, less those that wait already."""
-    if spec.model.block is None or n < 2:
-        return 0
-    waiting = sum(run.state != "scored" and run.purpose == "tie" for run in active)
-    return max(max(1, n // 4) - waiting, 0)
 
 
 def _shares(spec: CampaignSpec, n: int) -> list[tuple[int, int]]:

@@ -10,14 +10,15 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.progress import tell
 from seqrsm.propose.candidates import Search, Source
-from seqrsm.propose.criteria import MakeCriterion, Optimum, Proposal, Testing, Tie
+from seqrsm.propose.criteria import MakeCriterion, Optimum, Proposal, Testing
 from seqrsm.propose.known import Evidence, Known, Sought
 
 Plan = Sequence[tuple[MakeCriterion, float]]
 """Criteria with their shares of the runs of a campaign, 1 in all."""
 
+FOR_THE_OPTIMUM: Plan = ((Optimum, 1.0),)
 PLAN: Plan = ((Testing, 0.25), (Optimum, 0.75))
-"""The plan of a campaign: a share of its runs keeps the model testable, by repeats and spread."""
+"""A share of the runs keeps the model testable, by repeats and spread."""
 
 
 def propose_batch(
@@ -30,7 +31,6 @@ def propose_batch(
     *,
     source: Source | None = None,
     seed: int = 0,
-    ties: int = 0,
 ) -> tuple[Proposal, ...]:
     """Choose the next ``n`` runs.
 
@@ -54,23 +54,17 @@ def propose_batch(
         Who makes the runs; by default such as have the rows of ``model``, weight 1 and equal cost.
     seed : int
         Fixes the cloud; equal inputs and seed give equal proposals.
-    ties : int
-        How many runs, the first ones, repeat executed settings to tell the effect of a new block from the surface: the
-        last column of the evidence and of the source's rows is then that of the new block, 1 in its runs.
     """
     if n <= 0:
         return ()
     source = Source() if source is None else source
     known = Known(model, region, evidence, sought, source.weight)
-    criteria, tie = [make(known, n) for make, _ in plan], Tie(known, n)
+    criteria = [make(known, n) for make, _ in plan]
     search = Search(known, source, np.random.default_rng(seed), evidence)
     proposals = []
     for i in range(n):
         tell("choosing the next runs", i, n)
-        if i < ties and search.candidates.executed.any():
-            proposal = tie.propose(search)
-        else:
-            proposal = criteria[_whose_turn([share for _, share in plan], len(evidence.rows) + i)].propose(search)
+        proposal = criteria[_whose_turn([share for _, share in plan], len(evidence.rows) + i)].propose(search)
         proposals.append(proposal)
         search.take(proposal.point, proposal.repeats)
     return tuple(proposals)

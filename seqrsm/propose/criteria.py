@@ -23,8 +23,7 @@ class Proposal:
     point : ndarray (k,)
         Coded settings, feasible.
     purpose : str
-        "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        or "tie" (settings of earlier blocks in the new one).
+        "optimum" (value there), "regret" (place of it), "repeat" (pure error), or "spread" (whole region, lack of fit).
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -133,23 +132,6 @@ class Repeat(Optimum):
         df = self.known.df_pure_error
         why = f"repeats settings run or proposed before: pure error gets {df + 1} degrees of freedom instead of {df}"
         return "repeat", f"{why}; {self.known.narrowing(choice.row)}"
-
-
-class Tie(Greedy):
-    """The executed settings that tell most of the new block's effect, the last coefficient."""
-
-    among = "executed"
-
-    def gain(self, rows: FloatArray) -> FloatArray:
-        """Drop of the variance of that effect."""
-        CZ = rows @ self.known.C
-        drop: FloatArray = CZ[:, -1] ** 2 / (1.0 / self.known.weight + np.sum(CZ * rows, axis=1))
-        return drop
-
-    def _says(self, choice: Choice) -> tuple[str, str]:
-        left = max(float(self.known.C[-1, -1] - choice.gain * choice.cost), 0.0)
-        why = "links the new block to earlier ones by repeating their settings, so that its effect is known to"
-        return "tie", f"{why} {np.sqrt(left):.2g} standard deviations of a run"
 
 
 class Testing:

@@ -32,7 +32,7 @@ def apart(n: int = 24) -> list[dict]:
 
 
 CASES = {
-    "a process": (X + FREQUENCY, apart(), "", "simulation"),
+    "a process": (X + FREQUENCY, apart(), "", "flight"),
     "a first-order model": (X + FREQUENCY, apart(), "[model]\norder = 1\n", "simulation"),
     "a category": (
         X + FREQUENCY + POL,
@@ -55,7 +55,7 @@ def test_a_repeat_has_the_settings_of_the_run_to_the_last_digit(case: str, tmp_p
     factors, rows, more, source = CASES[case]
     folder = make(tmp_path / "c", factors, rows, more, MEASURED)
     runs = proposed(folder, 12, source)
-    repeats = [run for run in runs if "repeats settings run or proposed before" in run.why or run.purpose == "tie"]
+    repeats = [run for run in runs if "repeats settings run or proposed before" in run.why]
     assert repeats
     names = [name for name in (*NAMES, "pol") if name in rows[0]]
     made = {tuple(row[name] for name in names) for row in rows}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scipy import stats
 
 from seqrsm.analysis.conclude import analyse
 from seqrsm.campaign.ingest import ingest_files
-from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
+from seqrsm.campaign.next_runs import in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.spec.read import load_spec
 from seqrsm.store.database import _cut_off
@@ -46,17 +45,6 @@ def test_rank_correlation_sees_order_alone() -> None:
     # Spearman's formula, 1 - 6 sum d^2 / (n (n^2 - 1)), one swap of neighbours: 1 - 12 / 60
     assert _rank_correlation(one, np.array([2.0, 1.0, 50.0, 60.0])) == pytest.approx(0.8)
     assert _rank_correlation(one, np.ones(4)) is None
-
-
-def test_one_run_in_four_ties_a_day_less_those_that_wait() -> None:
-    def run(state: str, purpose: str) -> SimpleNamespace:
-        return SimpleNamespace(state=state, purpose=purpose)
-
-    days = SimpleNamespace(model=SimpleNamespace(block="day"))
-    assert [_ties_wanted(days, [], n) for n in (1, 2, 4, 8, 9)] == [0, 1, 1, 2, 2]
-    active = [run("issued", "tie"), run("scored", "tie"), run("issued", "optimum")]
-    assert [_ties_wanted(days, active, n) for n in (4, 8)] == [0, 1]
-    assert _ties_wanted(SimpleNamespace(model=SimpleNamespace(block=None)), [], 8) == 0
 
 
 SPEC = """\

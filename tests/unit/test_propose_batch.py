@@ -15,7 +15,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.propose import criteria, known
-from seqrsm.propose.batch import propose_batch
+from seqrsm.propose.batch import FOR_THE_OPTIMUM, propose_batch
 from seqrsm.propose.candidates import Search, Source
 from seqrsm.propose.criteria import Optimum, Proposal, Spread
 from seqrsm.propose.known import VALUE, Evidence, Sought, downdate, optimum_targets, unscaled_covariance
@@ -370,22 +370,21 @@ def test_coefficients_that_runs_leave_undetermined_are_told_at_any_size(size: fl
         assert null @ C @ null == pytest.approx(100.0, rel=0.02)
 
 
-def test_a_tie_tells_most_of_the_new_days_effect() -> None:
-    """Of all settings flown, by fits with each of them in the new day: the smallest variance of its effect."""
+def test_a_batch_tells_the_new_days_effect_from_the_surface() -> None:
+    """Four runs of a day that differs as much as runs do: by all of them it is known about as well as four runs can."""
     factors = (ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0))
     model, region = QuadraticModel(factors), Region(factors)
     points = region.sample(14, np.random.default_rng(3))
     Z = np.hstack([model.matrix(points), np.zeros((14, 1))])
-    precision = np.diag([0.0] * model.p + [0.01])
+    precision = np.diag([0.0] * model.p + [1.0])
 
     def new_day(at: np.ndarray) -> np.ndarray:
         return np.hstack([model.matrix(at), np.ones((len(at), 1))])
 
     chosen = propose(
-        model, region, Z_done=Z, points_done=points, x_hat=np.zeros(2), target_points=np.zeros((1, 2)), n=4, ties=1,
-        prior_precision=precision, rows=new_day,
+        model, region, Z_done=Z, points_done=points, x_hat=np.zeros(2), target_points=np.zeros((1, 2)), n=4,
+        plan=FOR_THE_OPTIMUM, prior_precision=precision, rows=new_day,
     )  # fmt: skip
-    left = [np.linalg.inv(precision + Z.T @ Z + np.outer(row, row))[-1, -1] for row in new_day(points)]
-    assert [proposal.purpose for proposal in chosen].count("tie") == 1
-    np.testing.assert_array_equal(chosen[0].point, points[int(np.argmin(left))])
-    assert f"{np.sqrt(min(left)):.2g} s" in chosen[0].why
+    rows = new_day(np.array([one.point for one in chosen]))
+    effect = np.linalg.inv(precision + Z.T @ Z + rows.T @ rows)[-1, -1]
+    assert effect < 1.6 / (1.0 + 4.0)
