@@ -66,8 +66,11 @@ class Departure:
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
         process = self.believed
-        noise = 0.0 if process is None else float(np.mean(process.noise_variance / weight + process.common_variance))
-        return float(np.sqrt(errors.run_variance * ((1.0 - self.probability) * s**2 + self.probability * noise)))
+        found = errors.run_variance * (1.0 - self.probability) * s**2
+        if process is not None:
+            noise = errors.run_variance * process.noise_variance / weight
+            found += self.probability * float(np.mean(noise + process.common_variance))
+        return float(np.sqrt(found))
 
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
@@ -299,11 +302,12 @@ def intervals_by_draws(
         found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise = belief.run_ratio * process.noise_variance  # of errors that know no random blocks
+        noise, common = belief.run_ratio * process.noise_variance, process.common_variance
         own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
-        parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))
+        block = None if own.sigma_block is None else np.sqrt(common[of])
+        parts.append((here, replace(own, sigma=np.sqrt(noise[of]), sigma_block=block), share))
     parts = [part for part in parts if part[2] > 0.0]
     runs = [round(min(max(m, 1), _MOST_RUNS)) for m in replicates]  # without end, where a mean is watched
 

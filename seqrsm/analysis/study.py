@@ -34,7 +34,8 @@ def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockS
     else:
         if days is None:
             return None
-        found = days.predict(row, level, weight=float(scale.weight_at(surface.predict(row).mean)[0]))
+        weight = float(scale.weight_at(surface.predict(row).mean)[0]) / surface.errors.run_variance
+        found = days.predict(row, level, weight=weight)
         confidence, prediction = (
             scale.in_scores(float(one.low[0]), float(one.high[0]), runs)
             for one, runs in ((found.confidence, np.inf), (found.prediction, 1.0))

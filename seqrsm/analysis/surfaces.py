@@ -163,7 +163,7 @@ class Surface:
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Its blocks as a random effect, fitted for this where they are constants; None where errors know none."""
-        return random_blocks(spec, self.model, self.data, self.scale) if self.errors.random_blocks else None
+        return random_blocks(spec, self.model, self.data, self.scale, self.fit) if self.errors.random_blocks else None
 
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
@@ -210,8 +210,12 @@ class RandomBlocks(Surface):
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
-        """Exact, whatever the sampler; the prior is flat."""
+        """Without emcee, whatever the sampler; the prior is flat."""
         del stated, sampler
+        if not self.errors.exact:
+            assert self.fit.block_ids is not None
+            runs = self.rows(self.data.points), self.fit.y, self.scale.weights, self.fit.block_ids
+            return self.errors.draws_of_days(*runs, bounds, n, rng)
         (beta, sigma, of_blocks), share = within(partial(self.posterior.draws, rng=rng), bounds, n)
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
         why = "exactly, not by emcee: the exact form is known with random blocks"
@@ -224,7 +228,8 @@ class RandomBlocks(Surface):
 
     def sd_of_run(self, weight: float) -> float:
         """Its weight is that of its own error alone."""
-        return float(np.sqrt((self.s**2 - self.common_sd**2) / weight + self.common_sd**2))
+        common = self.common_sd**2
+        return float(np.sqrt((self.s**2 - common) / weight + common / self.errors.run_variance))
 
     @property
     def common_sd(self) -> float:
@@ -354,7 +359,7 @@ def surface_of(
     """
     given = (spec.errors, model, data, scale, fit)
     if spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1:
-        days = random_blocks(spec, model, data, scale)
+        days = random_blocks(spec, model, data, scale, fit)
         note = f"{days.reason[:1].upper()}{days.reason[1:]}." if days.reason else ""
         # random blocks are no terms
         return RandomBlocks(*given, days.estimate, days.s_new_day, int(days.df), model.p, note, days)
@@ -388,7 +393,7 @@ def surface_of(
 
 
 def random_blocks(
-    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
+    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
 ) -> RandomBlockPosterior:
     """Surface of the average block, with blocks as a random effect.
 
@@ -401,4 +406,5 @@ def random_blocks(
         remedy = 'Set [model] block_effect = "fixed".'
         raise FitError("random blocks need scores from one source; here are simulations and flights", remedy)
     labels = block_labels(spec, data)
-    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)
+    Z = model.matrix(data.points)
+    return fit_random_blocks(Z, scale.values, labels, weights=fit.weights, inflation=spec.errors.inflation)

@@ -118,7 +118,7 @@ class RandomBlockPosterior:
 
 
 def fit_random_blocks(
-    Z: FloatArray, y: FloatArray, days: Sequence[object], *, weights: FloatArray | None = None
+    Z: FloatArray, y: FloatArray, days: Sequence[object], *, weights: FloatArray | None = None, inflation: float = 1.0
 ) -> RandomBlockPosterior:
     """Fit ``y = Z beta + u_day + e``.
 
@@ -131,6 +131,8 @@ def fit_random_blocks(
         Day of each run.
     weights : ndarray (n,), optional
         Inverse relative variances of the runs' own errors.
+    inflation : float
+        Variance of the coefficients over that which these weights tell, see `ErrorModel.inflation`.
 
     Raises
     ------
@@ -160,7 +162,7 @@ def fit_random_blocks(
         ratios[keep],
         shares,
         mean[keep],
-        factor[keep],
+        np.sqrt(inflation) * factor[keep],
         scale[keep],
         float(n - p),
         *_reml(runs, ratios, log_likelihood),

@@ -30,7 +30,7 @@ from seqrsm.fit import linear_system
 from seqrsm.fit.intervals import Interval
 from seqrsm.fit.linear_system import check_runs
 
-_MOST = 60  # times the draws wanted, before rejection gives up
+MOST = 60  # times the draws wanted, before rejection gives up
 _MOST_SECANTS = 100
 _FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in standard deviations
 
@@ -77,7 +77,7 @@ class LinearBounds:
 
 
 def bounded_draws(
-    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int, most: int = _MOST
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int, most: int = MOST
 ) -> tuple[tuple[FloatArray, ...], float]:
     """Draws that hold the bounds, and the share of all draws that do: the probability without bounds.
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import ConvergenceError
-from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounded_draws, posterior, with_further
+from seqrsm.fit.conjugate import MOST, LinearBounds, NormalInverseGamma, Prior, bounded_draws, posterior, with_further
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_share
+from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_draws_of_days, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.target import build_target, draws_by_importance, general_target
 
@@ -196,6 +196,13 @@ class ErrorModel:
         """
         raise NotImplementedError
 
+    def draws_of_days(
+        self, Z: FloatArray, y: FloatArray, weights: FloatArray, days: IntArray, bounds: LinearBounds | None, n: int,
+        rng: np.random.Generator,
+    ) -> Draws:  # fmt: skip
+        """The same by runs (n) on random ``days``, which are numbered from 0; the prior of coefficients is flat."""
+        raise NotImplementedError
+
     def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         """Errors of scale 1."""
         raise NotImplementedError
@@ -305,6 +312,7 @@ class StudentT(Additive):
     name = "student_t"
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
     run_variance = STUDENT_DF / (STUDENT_DF - 2.0)
+    random_blocks = True
     inflation = (STUDENT_DF + 3.0) / (STUDENT_DF + 1.0)
 
     def log_likelihood(self, square: FloatArray) -> FloatArray:
@@ -331,8 +339,24 @@ class StudentT(Additive):
                 return first.pop()
             return student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)[:2]
 
-        held, share = bounded_draws(more, bounds, rows, most=_MOST_ROUNDS)
+        held, share = bounded_draws(more, bounds, rows, _MOST_ROUNDS)
         return held, made | {"draws": len(held[1])}, share
+
+    def draws_of_days(
+        self, Z: FloatArray, y: FloatArray, weights: FloatArray, days: IntArray, bounds: LinearBounds | None, n: int,
+        rng: np.random.Generator,
+    ) -> Draws:  # fmt: skip
+        """See `ErrorModel.draws_of_days`: by Gibbs sampling."""
+        made: Made = {"method": "gibbs", "errors": self.name, "blocks": "random"}
+
+        def draw(m: int) -> tuple[FloatArray, ...]:
+            *found, reached = student_draws_of_days(Z, y, weights, days, m, rng)
+            made.update(reached)
+            return tuple(found)
+
+        (beta, sigma, of_days), share = within(draw, bounds, _ROWS_PER_DRAW * n, _MOST_ROUNDS)
+        why = "by Gibbs sampling, not by emcee, which knows no random blocks"
+        return Draws(beta, sigma, made | {"draws": len(sigma)}, share, sigma_block=of_days, instead=why)
 
     def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         """Student-t errors of scale 1."""
@@ -392,10 +416,10 @@ ERROR_MODELS: Final[Mapping[str, ErrorModel]] = {model.name: model for model in 
 
 
 def within(
-    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n: int
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n: int, most: int = MOST
 ) -> tuple[tuple[FloatArray, ...], float | None]:
-    """Draws that hold the bounds, and the share of all draws that does."""
-    return (draw(n), None) if bounds is None else bounded_draws(draw, bounds, n)
+    """Draws that hold the bounds, and the share of all draws that does; see `bounded_draws`."""
+    return (draw(n), None) if bounds is None else bounded_draws(draw, bounds, n, most)
 
 
 def enough(found: int, wanted: int) -> bool:

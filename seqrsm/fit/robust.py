@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
 from seqrsm.fit.convergence import ess, ess_tail
@@ -81,6 +81,42 @@ def student_draws(
     FitError
         A score lies so far from the others, some 1e11 times their scatter, that their digits are lost beside it.
     """
+    beta, sigma, _, reached = _gibbs(Z, y, weights, prior, n_draws, rng)
+    return beta, sigma, reached
+
+
+def student_draws_of_days(
+    Z: FloatArray, y: FloatArray, weights: FloatArray, days: IntArray, n_draws: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """The same under a flat prior with a normal effect of each of the ``days`` (n,), which are numbered from 0.
+
+    The ratio of the standard deviations has a half-Cauchy prior of scale 1, as in `seqrsm.fit.blocks`, by two gamma
+    steps (Makalic & Schmidt 2016, IEEE Signal Process. Lett. 23, 179-182).
+
+    Returns
+    -------
+    beta, sigma, sigma_day : ndarray (m, p), (m,), (m,)
+        Coefficients of the average day, scale of the errors, and standard deviation of the days.
+    dict
+        As of `student_draws`.
+    """
+    p, d = Z.shape[1], 1 + int(np.max(days))
+    precision = np.diag(np.repeat([0.0, 1.0], [p, d]))  # in units of 1 / (ratio sigma)^2
+    prior = NormalInverseGamma(np.zeros(p + d), precision, 0.0, 0.0)
+    beta, sigma, ratio, reached = _gibbs(np.hstack([Z, np.eye(d)[days]]), y, weights, prior, n_draws, rng, d)
+    return beta[:, :p], sigma, ratio * sigma, reached
+
+
+def _gibbs(
+    Z: FloatArray,
+    y: FloatArray,
+    weights: FloatArray,
+    prior: Prior,
+    n_draws: int,
+    rng: np.random.Generator,
+    effects: int = 0,
+) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """See `student_draws`; the last coefficients are ``effects``, whose ratio to sigma is the third array."""
     n, p = Z.shape
     start = posterior(Z, y, weights, prior)
     # As seen from the least-squares fit and in its own units: normal equations in u then lose no digits.
@@ -92,13 +128,16 @@ def student_draws(
     XY = np.column_stack([X, y])
     outer = (XY[:, :, None] * XY[:, None, :]).reshape(n, (p + 1) ** 2)
     root = np.column_stack([start.factor, given.m0 - start.mean])
-    own = root.T @ given.Lambda0 @ root
+    plain = np.arange(p) < p - effects
+    own, of_effects = (root.T @ (given.Lambda0 * np.outer(kept, kept)) @ root for kept in (plain, ~plain))
+    precision = scale = np.ones(_CHAINS)
     likely = likely_weights(X, y, weights, student_share)
     share = np.repeat((likely / weights)[None, :], _CHAINS, axis=0)
     sweeps = max(-(-n_draws // _CHAINS), _LEAST_SWEEPS)
-    u, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
+    u, (sigmas, ratios) = np.empty((sweeps, _CHAINS, p)), np.empty((2, sweeps, _CHAINS))
     for sweep in range(-_WARM_UP, sweeps):
         A = ((share * weights) @ outer).reshape(_CHAINS, p + 1, p + 1) + own
+        A += precision[:, None, None] * of_effects
         total = A[:, p, p].copy()
         A[:, p, p] += total + 1.0  # what is left of the scores may be nothing, which a Cholesky factor cannot hold
         try:
@@ -114,22 +153,27 @@ def student_draws(
         with np.errstate(over="ignore"):  # a run of no weight; where all have none, the next factor is refused
             square = weights * (y - at @ X.T) ** 2 / sigma[:, None] ** 2
         share = rng.standard_gamma(0.5 * (STUDENT_DF + 1.0), square.shape) * (2.0 / (STUDENT_DF + square))
+        if effects:
+            size = np.sum(np.square(start.mean[~plain] + at @ start.factor[~plain].T), axis=1) / sigma**2
+            precision = rng.gamma(0.5 * (effects + 1.0), size=_CHAINS) / (0.5 * size + scale)
+            scale = rng.gamma(1.0, size=_CHAINS) / (1.0 + precision)
         if sweep >= 0:
-            u[sweep], sigmas[sweep] = at, sigma
+            u[sweep], sigmas[sweep], ratios[sweep] = at, sigma, 1.0 / np.sqrt(precision)
     beta = start.mean + u @ start.factor.T
     # Column by column of what is known: coefficients that hardly differ from their mean have lost their digits.
-    known = np.concatenate([u @ start.factor.T, np.log(sigmas)[..., None]], axis=2)
+    scales = np.log(sigmas), np.log(np.hypot(1.0, ratios) * sigmas)
+    known = np.concatenate([(u @ start.factor.T)[..., plain], np.stack(scales[: 1 + bool(effects)], axis=-1)], axis=2)
     within = np.mean(np.var(known, axis=0, ddof=1), axis=0)
     between = np.var(np.mean(known, axis=0), axis=0, ddof=1)
     r_hat = float(np.sqrt(np.max((sweeps - 1.0) / sweeps + between / np.maximum(within, 1e-300))))
     order = rng.permutation(sweeps * _CHAINS)
     reached = {
         "steps": sweeps,
-        "ess": min(ess(known[:, :, j].T) for j in range(p + 1)),
-        "ess_ends": min(ess_tail(known[:, :, j].T, _ENDS) for j in range(p + 1)),
+        "ess": min(ess(one.T) for one in np.moveaxis(known, 2, 0)),
+        "ess_ends": min(ess_tail(one.T, _ENDS) for one in np.moveaxis(known, 2, 0)),
         "r_hat": r_hat,
     }
-    return beta.reshape(-1, p)[order], sigmas.ravel()[order], reached
+    return beta.reshape(-1, p)[order], sigmas.ravel()[order], ratios.ravel()[order], reached
 
 
 def _solved_upwards(L: FloatArray, right: FloatArray) -> FloatArray:

@@ -91,8 +91,9 @@ def model(
     if table.block_effect == "random" and table.block is None:
         report.add(("model", "block_effect"), "block_effect needs a block", 'Add block = "block".', "random")
     if table.block_effect == "random" and not errors.random_blocks:
-        remedy = 'Write errors = "normal", or block_effect = "fixed".'
-        report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
+        known = " or ".join(f'"{name}"' for name, model in ERROR_MODELS.items() if model.random_blocks)
+        remedy = f'Write errors = {known}, or block_effect = "fixed".'
+        report.add(("model", "block_effect"), f"{errors.name} errors have no random blocks", remedy, "random")
 
 
 def catalogued(applications: Tables[ApplicationSpec], engine: str | None, report: Reporter) -> None:

@@ -145,7 +145,8 @@ def test_random_blocks(tmp_path: Path) -> None:
     # A new day brings its own effect.
     new = found["blocks"]["new"]
     best, half = found["optimum"], new["prediction"]["half_width"]
-    assert best["prediction"]["half_width"] == pytest.approx(half + 0.5 * best["optimism"], rel=1e-9)
+    assert found["departure"]["probability"] < 0.25  # of a quadratic: the process changes little
+    assert best["prediction"]["half_width"] == pytest.approx(half + 0.5 * best["optimism"], rel=0.03)
     assert fixed["optimum"]["prediction"]["half_width"] < new["prediction"]["half_width"]
     # The mean of five runs on one new day is no better known than that day: the floor of its interval tells so.
     with (tmp_path / "r" / "campaign.toml").open("a", encoding="utf-8") as file:
@@ -179,7 +180,10 @@ def test_days_of_one_run_each_are_told(tmp_path: Path) -> None:
         ('block = ""', "needs a name that means nothing else"),
         ('block = "x"', "needs a name that means nothing else"),
         ('block = "score"', "needs a name that means nothing else"),
-        ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
+        (
+            'block = "block"\nblock_effect = "random"\nerrors = "beta_binomial"\nresponse = "logit"',
+            "beta_binomial errors have no random blocks",
+        ),
         ('errors = "beta_binomial"', "logit scale"),
         ('errors = "beta_binomial"\nresponse = "logit"\nweights = "counts"', "weights from the counts"),
         ('weights = "counts"\n[simulator]\nengine = "psm"\nscene = "s.npz"', "without counts"),
@@ -382,7 +386,7 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
         rows = [{**row, **{key: values[i] for key, values in more.items()}} for i, row in enumerate(flat)]
         found = fit(make(tmp_path / name, X + FREQUENCY, rows, model, PERCENT))
         best = found["optimum"]
-        assert best["optimism"] > 0.0 or name in ("student", "logit"), name  # there a process smooths as much
+        assert best["optimism"] > 0.0 or name in ("student", "logit", "days"), name  # there a process smooths as much
         assert best["confidence"]["half_width"] < best["prediction_mean"]["half_width"], name
         assert best["prediction_mean"]["half_width"] < best["prediction"]["half_width"], name
     assert "selection bias" in " ".join(command("fit", tmp_path / name)[1].split())

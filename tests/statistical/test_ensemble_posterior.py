@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import emcee
 import numpy as np
 import pytest
 import shorthands
@@ -16,7 +17,7 @@ from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, p
 from seqrsm.fit.ensemble import Sampled
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
-from seqrsm.fit.robust import student_draws
+from seqrsm.fit.robust import student_draws, student_draws_of_days
 
 
 def sample_posterior(*data: np.ndarray, min_ess: float = 4000.0, max_steps: int = 50_000, **options: Any) -> Sampled:
@@ -223,6 +224,35 @@ def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
         for own, other in zip([*beta.T, np.log(sigma)], theirs, strict=True):
             assert own.mean() == pytest.approx(other.mean(), abs=0.08 * other.std())
             assert own.std() == pytest.approx(other.std(), rel=0.08)
+
+
+def test_gibbs_draws_of_random_days_meet_the_ensemble() -> None:
+    """Stock emcee on the density written down, effects of five days and their ratio to sigma among what it samples."""
+    rng = np.random.default_rng(3)
+    days = np.arange(30) % 5
+    Z = np.column_stack([np.ones(30), rng.uniform(-1.0, 1.0, 30)])
+    y = Z @ [10.0, 3.0] + 2.0 * rng.standard_normal(5)[days] + rng.standard_t(4.0, 30)
+    weights = np.exp(0.5 * rng.standard_normal(30))
+    beta, sigma, of_days, reached = student_draws_of_days(Z, y, weights, days, 24_000, rng)
+    assert reached["r_hat"] < 1.03
+    assert reached["ess"] > 4000.0
+
+    def log_density(theta: np.ndarray) -> np.ndarray:
+        of_sigma, of_ratio, effects = theta[:, 2], theta[:, 3], theta[:, 4:]
+        left = y - theta[:, :2] @ Z.T - (np.exp(of_sigma + of_ratio)[:, None] * effects)[:, days]
+        errors = np.sum(stats.t.logpdf(left * np.sqrt(weights) / np.exp(of_sigma)[:, None], 4.0), axis=1)
+        return errors - 30.0 * of_sigma - 0.5 * np.sum(effects**2, axis=1) + of_ratio - np.log1p(np.exp(2.0 * of_ratio))
+
+    start = np.array([10.0, 3.0, 0.0, 0.0, *np.zeros(5)]) + 0.3 * rng.standard_normal((64, 9))
+    sampler = emcee.EnsembleSampler(64, 9, log_density, vectorize=True)
+    sampler.random_state = np.random.RandomState(1).get_state()
+    sampler.run_mcmc(start, 8000)
+    chain = sampler.get_chain(discard=2000, thin=10, flat=True)
+    theirs = *chain[:, :3].T, chain[:, 2] + chain[:, 3]
+    for own, other in zip((*beta.T, np.log(sigma), np.log(of_days)), theirs, strict=True):
+        assert np.median(own) == pytest.approx(np.median(other), abs=0.08 * other.std())
+        low, high = np.quantile(other, [0.025, 0.975])
+        assert np.quantile(own, [0.025, 0.975]) == pytest.approx([low, high], abs=0.08 * (high - low))
 
 
 def test_gibbs_draws_leave_a_wild_score_alone() -> None:

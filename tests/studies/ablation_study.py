@@ -21,11 +21,13 @@ from peers_study import FIELDS, Row, campaign, numbers, seeds_of, share_text, ta
 
 from seqrsm import remember
 from seqrsm.analysis import belief, conclude
+from seqrsm.design import optimal
 from seqrsm.fit import process
 
 OUT = Path(__file__).resolve().parents[2] / "reports" / "peers"
 KINDS = (
     "quadratic, k = 3", "cubic", "saturating, k = 3", "asymmetric", "unequal noise", "two humps", "cliff", "categories",
+    "ridge", "sparse",
 )  # fmt: skip
 
 
@@ -49,6 +51,7 @@ PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
     ),
     "bends": ("straight axes", lambda: [patch.object(process, "_BEND", (0.0, 1e-3))]),
     "tail": ("no longer tail of the prior of lengths", lambda: [patch.object(process, "_TAIL", 0.0)]),
+    "inside": ("the initial design at the ends and the middle alone", lambda: [patch.object(optimal, "_INNER", 0.0)]),
     "correction": ("no correction for selection bias", lambda: [patch.object(conclude, "optimism", lambda *_: 0.0)]),
 }
 """A part, what is left without it, and what takes it out."""

@@ -488,8 +488,13 @@ def test_what_is_told_of_a_flat_surface_is_true(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "rest",
-    ['errors = "student_t"', 'block = "day"', 'block = "day"\nblock_effect = "random"'],
-    ids=["t", "fixed", "random"],
+    [
+        'errors = "student_t"',
+        'block = "day"',
+        'block = "day"\nblock_effect = "random"',
+        'block = "day"\nblock_effect = "random"\nerrors = "student_t"',
+    ],
+    ids=["t", "fixed", "random", "random t"],
 )
 def test_a_narrow_top_is_found_whatever_the_model(tmp_path: Path, rest: str) -> None:
     points = np.round(spread(40, 2), 3)
