@@ -16,6 +16,7 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
+from seqrsm.campaign.next_runs import next_batch
 from seqrsm.errors import RegionError, SpecError, StoreError, UserError
 from seqrsm.simulate import runner
 from seqrsm.spec.read import load_spec
@@ -443,11 +444,10 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
     assert many.sources.interval.low < 4.4 < many.sources.interval.high
     assert many.sources.both.prior_share < few.sources.both.prior_share
     assert many.optimum.mean == pytest.approx(84.5, abs=2.0)
-    made.store.mark()
-    proposals = made.decide(6, "best", analyses=[many])
-    assert {run.source for run in proposals} <= {"simulation", "flight"}
-    cheap = sum(run.source == "simulation" for run in proposals)
-    assert cheap >= 1
+    for cost, source in ((10.0, "flight"), (60.0, "simulation")):  # by what a run gains for its cost
+        spec = dataclasses.replace(made.spec, cost=made.spec.cost.model_copy(update={"flight": cost}))
+        proposals = next_batch(spec, [many], made.store.runs(), 6, "best")
+        assert [run.source for run in proposals] == [source] * 6
 
 
 @pytest.mark.parametrize(
