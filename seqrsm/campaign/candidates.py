@@ -40,7 +40,7 @@ from seqrsm.campaign.instruments import (
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, SpecError, UserError
-from seqrsm.files import put_json
+from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
@@ -143,13 +143,14 @@ def measure_candidates(
     Raises
     ------
     UserError
-        No candidates, or too few scores.
+        No candidates, too few scores, or a folder that cannot be written.
     """
     spec = campaign.spec
     wanted = candidates_of(spec)
     if not wanted:
         remedy = 'Add [[candidate]] with sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
         raise SpecError("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME))
+    see_writable(spec.folder / FILE)
     found: dict[str, Any] = {"key": _key(spec), "worlds": worlds, "applications": {}}
     analyses = campaign.analyse_all()
     progress(0, len(wanted) * len(analyses))

@@ -18,6 +18,7 @@ from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
+from seqrsm.files import see_writable
 from seqrsm.progress import tell
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
@@ -67,10 +68,11 @@ def write_image(
     Raises
     ------
     UserError
-        Unknown factor, value, mask or suffix, or a sensor that cannot be.
+        Unknown factor, value, mask or suffix, a sensor that cannot be, or a place that cannot be written.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise UserError("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out))
+    see_writable(out)
     made = simulated(campaign, assignments, run_id, mask=mask, threads=threads, number=number)
     picture = picture_of(made.image)
     share, remarks = None, ""

@@ -413,11 +413,14 @@ class Campaign:
     ) -> tuple[Path, ...]:
         """Write the report, by default HTML and PDF into the campaign's ``reports``; return the files written."""
         from seqrsm.campaign.dossier import assemble
+        from seqrsm.files import see_writable
         from seqrsm.report import write_report
 
         if html is None and pdf is None and figures is None:
             html, pdf = self.folder / "reports" / "report.html", self.folder / "reports" / "report.pdf"
         files = {name: Path(file) for name, file in (("html", html), ("pdf", pdf), ("figures", figures)) if file}
+        places = [file / "captions.csv" if name == "figures" else file for name, file in files.items()]
+        see_writable(*places, make_folder=True)
         return write_report(assemble(self.opened, step), **files, step=step)
 
 

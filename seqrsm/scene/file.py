@@ -17,6 +17,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, Float32Array
 from seqrsm.errors import SceneError
+from seqrsm.files import put
 from seqrsm.scene.scene import MAX_CELLS, Scene
 
 SCHEMA: Final = 1
@@ -35,7 +36,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
 
     Raises
     ------
-    SceneError
+    UserError
         The file cannot be written.
     """
     notes = dict(scene.category_notes)
@@ -55,12 +56,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "provenance": np.array(scene.provenance),
         **scene.states,
     }
-    try:
-        with open(path, "wb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **members)
-    except OSError as error:
-        remedy = "Make its folder first, or name another file"
-        raise SceneError(f"cannot write the scene: {error.strerror}", remedy, file=str(path)) from error
+    put(Path(path), lambda stream: np.savez_compressed(stream, allow_pickle=False, **members))
 
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:

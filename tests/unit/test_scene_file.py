@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_scene
 
-from seqrsm.errors import SceneError
+from seqrsm.errors import SceneError, UserError
 from seqrsm.scene import file as scene_file
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import NO_COVER, Scene
@@ -189,7 +189,7 @@ def test_zip_bomb_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_cannot_write(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot write"):
+    with pytest.raises(UserError, match="cannot be written"):
         save_scene(small(), tmp_path / "missing" / "s.npz")
 
 
