@@ -345,6 +345,20 @@ def test_new_rankings_change_all_scores_and_void_takes_them_back(ranked):
     assert "already void" in ranked.call("void", "--ranking", 3, "--why", "again", code=2)
 
 
+def test_zero_stays_where_it_was_when_better_images_are_ranked(ranked):
+    """That of the initial design: the mean of all would rise towards the optimum, and the optimum's score fall."""
+    start = [run["run_id"] for run in ranked.runs()]
+    order = " ".join(map(str, start))
+    ranked.ingest(ranking_file(ann=order, bob=order))
+    ranked.call("propose", "-n", "2")
+    better = [run["run_id"] for run in ranked.runs()[len(start) :]]
+    told = ranked.ingest(ranking_file(cy=" ".join(map(str, [*better, *start]))), name="more.csv")
+    assert "Zero is the mean of the first batch." in told
+    scores = {run["run_id"]: run["scores"][0]["score"] for run in ranked.runs()}
+    assert sum(scores[run_id] for run_id in start) == pytest.approx(0.0, abs=1e-9)
+    assert all(scores[run_id] > scores[start[0]] for run_id in better)
+
+
 def test_the_same_rankings_again_do_not_count_twice(ranked):
     ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
     before = ranked.document()["rankings"]
