@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 from seqrsm.errors import UserError
-from seqrsm.plain import counted, plain
+from seqrsm.plain import counted, heading, plain
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -410,6 +410,7 @@ class Campaign:
             settings, scores and a summary are attributes.
         """
         from seqrsm.campaign.images import simulated
+        from seqrsm.design.factors import with_units
         from seqrsm.simulate.pictures import labelled_arrays, picture_of
 
         _see_whole(0, run_id=run_id)
@@ -420,10 +421,11 @@ class Campaign:
         made = simulated(self.opened, texts, run_id, threads=threads, number=number)
         picture = picture_of(made.image)
         arrays = labelled_arrays(picture)
-        told = made.told(picture.values.shape)
+        told, spec = made.told(picture.values.shape), self.spec
+        scores = told["scores"].items()
         attributes = {
-            **told["settings"],
-            **{f"score of {name}": value for name, value in told["scores"].items()},
+            **with_units(spec.factors, told["settings"]),
+            **{heading(f"score of {name}", spec.application(name).score_unit): value for name, value in scores},
             "summary": told["summary"],
             "scene": made.scene.name,
         }
@@ -516,6 +518,7 @@ class Candidates(Sections):
         for application, found in self._result["applications"].items():
             for one in found["candidates"]:
                 row = {"application": application, "candidate": one["name"], "how": one["how"]}
+                row["score_unit"] = found["unit"]
                 row |= {name: one.get(name) for name in ("probability", "score", "difference")}
                 for kind in ("confidence", "one_ground"):
                     row |= {f"{kind}_{end}": one.get(kind, {}).get(end) for end in ("low", "high")}
@@ -580,7 +583,7 @@ class Fit(Sections):
         rows = []
         for analysis in self.analyses:
             best, row = analysis.optimum, {"application": analysis.application, **analysis.optimum.settings}
-            row["mean"] = best.mean
+            row |= {"score_unit": analysis.score_unit, "mean": best.mean}
             for kind in ("confidence", "prediction", "prediction_mean"):
                 interval = getattr(best, kind)
                 row |= {f"{kind}_low": interval.low, f"{kind}_high": interval.high}

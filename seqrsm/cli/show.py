@@ -89,7 +89,7 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
     shares = {"scored cells": statistics["scored_fraction"], **statistics["category_fractions"]}
     rows = (
         ("elevation", f"{low} to {high} m"),
-        ("slope", f"rms {rms}, at most {most}"),
+        ("slope", f"rms {rms} m/m, at most {most} m/m"),
         ("fields", f"{statistics['n_fields']}, median {1e-4 * statistics['median_field_m2']:.3g} ha by area"),
         *((name, format_percent(share)) for name, share in shares.items()),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
+from seqrsm.plain import heading
 from seqrsm.score.table import TableSource, read_table, table_text
 from seqrsm.units import reciprocal_factor, unit_factor, units_like
 
@@ -102,7 +103,7 @@ def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     whole = near.casefold().startswith(factor.name.casefold())
     rest = near[len(factor.name if whole else _first_word(near)) :].strip(" _-./[](),:")
     unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
-    return f"Rename the column '{near}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
+    return f"Rename the column '{near}' to '{heading(factor.name, unit)}'."
 
 
 def _first_word(name: str) -> str:

@@ -69,6 +69,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert plain(mine.status().result) == {**status, "campaign": "mine"}
     assert ok("fit", theirs).rstrip().endswith(ok_summary(repr(fit)))
     frame = fit.to_frame()
+    assert frame.loc[0, "score_unit"] == fit.analyses[0].score_unit
     assert frame.loc[0, "mean"] == fit.analyses[0].optimum.mean
     assert frame.loc[0, "prediction_low"] == fit.analyses[0].optimum.prediction.low
     assert "Recommended settings" in fit._repr_html_()
@@ -104,7 +105,9 @@ def test_an_image_is_that_of_the_command(tmp_path: Path, tiny_scene: Path) -> No
     with np.load(out) as kept:
         for name in ("intensity_w", "incidence_angle_deg", "shadow"):
             assert np.array_equal(image[name], kept[name])
-    assert image.attrs["score of cover"] == told["scores"]["cover"]
+        assert json.loads(kept["settings"].item())["resolution [m]"] == 20.0
+    assert image.attrs["resolution [m]"] == 20.0
+    assert image.attrs["score of cover [percent]"] == told["scores"]["cover"]
     assert image["image"].dims == ("channel", "line", "sample")
     assert image["image"].attrs["units"] == "dB"
 
@@ -121,7 +124,7 @@ def test_without_xarray_an_image_is_arrays(tiny: Path, monkeypatch: pytest.Monke
     image = seqrsm.Campaign(tiny).image({"resolution": 20})
     assert isinstance(image, dict)
     assert image["image"].ndim == 3
-    assert image["resolution"] == 20.0
+    assert image["resolution [m]"] == 20.0
 
 
 def test_importing_it_loads_nothing_heavy() -> None:

@@ -284,7 +284,7 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
             *check_sections(result, every_note=False),
             *check_sections(result, every_note=True),
             rehearsal_section(rehearsed),
-            Section("tests", "Tests", (term_test_table(tests),)),
+            Section("tests", "Tests", (term_test_table(studied.analyses[0], tests),)),
             _measured(studied.analyses[0]),
         ),
         capsys,

@@ -6,19 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Cell,
-    FigureBlock,
-    Head,
-    PanelData,
-    Paragraph,
-    Section,
-    heading,
-    right,
-    table,
-)
+from seqrsm.plain import heading
+from seqrsm.report.blocks import Block, Bullets, Cell, FigureBlock, Head, PanelData, Paragraph, Section, right, table
 from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_range, format_share, format_significant
 from seqrsm.report.wording import level_text, listing, number_cell, slug, with_unit
@@ -199,9 +188,10 @@ def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
 
 def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
     shape = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(rows)}
-    alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
-    title, paint, data = f"Candidates against the optimum, {name}", partial(_paint, rows, found), partial(_data, rows)
-    panel = drawing.panel(title, alt, paint, f"candidates {name}", data, **shape)
+    told = (with_unit(f"{row['difference']:.3g}", found["unit"]) for row in rows)
+    alt = "; ".join(f"{row['name']}: {text}" for row, text in zip(rows, told, strict=True))
+    paint, data = partial(_paint, rows, found), partial(_data, rows, found)
+    panel = drawing.panel(f"Candidates against the optimum, {name}", alt, paint, f"candidates {name}", data, **shape)
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "anywhere in the swath (thin). In brackets: probability of sufficing. Dashed: sufficient."
@@ -209,10 +199,10 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
     return FigureBlock(lambda: (panel,), under, columns=1)
 
 
-def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
-    names = ("difference", "mean low", "mean high", "one ground low", "one ground high", "probability")
+def _data(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> PanelData:
+    names = ("difference", "mean low", "mean high", "one ground low", "one ground high")
     return PanelData(
-        ("sensor", *names),
+        ("sensor", *(heading(name, found["unit"]) for name in names), "probability"),
         tuple(
             (row["name"], row["difference"], *_ends(row), *_ends(row, "one_ground"), row["probability"]) for row in rows
         ),
