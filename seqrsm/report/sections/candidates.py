@@ -79,6 +79,13 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
         blocks.append(Paragraph(text, "warning"))
     if told:
         blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
+    if told and (again := told[0].get("again")):
+        text = (
+            f"The first of {len(known)} candidates may owe its place to chance. In further draws of the tables "
+            f"{told[0]['name']} differs from the optimum by {_again(again, digits, unit, level)}, and suffices with a "
+            f"probability of {format_share(again['probability'])}."
+        )
+        blocks.append(Paragraph(text))
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit, digits))
     notes = [_note(row, digits, unit) for row in told]
@@ -118,6 +125,13 @@ def _row(row: Mapping[str, Any], digits: int) -> tuple[Cell, ...]:
         *(Cell(text) for text in ends),
         Cell(row["how"]),
     )
+
+
+def _again(found: Mapping[str, Any], digits: int, unit: str, level: str) -> str:
+    places = _places(found, digits)
+    mean, one = (with_unit(format_range(*_ends(found, name), places), unit) for name in ("confidence", "one_ground"))
+    difference = with_unit(format_number(found["difference"], places), unit)
+    return f"{difference} ({level} interval of the mean over grounds {mean}, of one ground {one})"
 
 
 def _owed(rows: Sequence[Mapping[str, Any]], unit: str, digits: int) -> Block:
