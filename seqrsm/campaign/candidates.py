@@ -244,7 +244,7 @@ class _Comparer:
         scores = scores[:, np.isfinite(scores).all(axis=(0, 2))]
         if scores.shape[1] > 1:
             found = compared(scores[1:], scores[0], self.rule, self.level, self.runs)
-            rows[0]["again"] = fields_to_json(found)
+            rows[0]["again"] = {"name": rows[0]["name"], "how": "simulation", **fields_to_json(found)}
 
     def row(self, candidate: Candidate) -> dict[str, Any]:
         """The answer for one candidate."""

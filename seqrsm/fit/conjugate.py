@@ -166,8 +166,6 @@ def mixture_interval(
     level: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> Interval:
     """Equal-tailed interval of each mixture."""
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must lie between 0 and 1, got {level}")
     tail = 0.5 * (1.0 - level)
     return Interval(
         mixture_quantile(tail, shares, df, centre, scale), mixture_quantile(1.0 - tail, shares, df, centre, scale)

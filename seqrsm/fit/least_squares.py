@@ -198,8 +198,6 @@ class LeastSquaresFit:
             Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
             response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
         """
-        if replicates < 1 or np.any(np.asarray(weight) <= 0.0):
-            raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
         h, s = self.variance_unscaled(rows), known_scatter(self.s)

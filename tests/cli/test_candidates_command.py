@@ -103,7 +103,7 @@ def test_the_first_is_compared_again_in_worlds_that_had_no_part_in_its_choice(co
     first, *others = json.loads((compared / FILE).read_text(encoding="utf-8"))["applications"]["cover"]["candidates"]
     assert len(drawn[-1]) == 4
     assert all(drawn[-1].isdisjoint(worlds) for worlds in drawn[:-1])
-    assert first["again"].keys() == {"score", "difference", "confidence", "one_ground", "probability"}
+    assert first["again"].keys() == {"name", "how", "score", "difference", "confidence", "one_ground", "probability"}
     assert not any("again" in row for row in others)
     assert f"The first of {len(others)} candidates may owe its place to chance." in " ".join(told.split())
 

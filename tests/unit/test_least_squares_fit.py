@@ -205,9 +205,6 @@ def test_arguments_out_of_range() -> None:
     Z, y = quadratic(10)
     fit = fit_least_squares(Z, y, terms(6))
     for call in (
-        lambda: fit.predict(Z, level=1.0),
-        lambda: fit.predict(Z, replicates=0),
-        lambda: fit.predict(Z, weight=-1.0),
         lambda: fit.predict(Z[:, :4]),
         lambda: fit.partial_f([]),
         lambda: fit.partial_f([6]),
