@@ -20,26 +20,15 @@ def put_json(path: Path, document: Any) -> Path:
 
 
 def see_free(*paths: Path) -> None:
-    """Refuse a file that is there already: somebody may have worked on it.
-
-    Raises
-    ------
-    UserError
-        For each that is.
-    """
+    """Refuse a file that is there already, as somebody may have worked on it, or that could not be written."""
     taken = [Problem("the file exists already", "Name a new file.", file=str(path)) for path in paths if path.exists()]
     if taken:
         raise UserError(*taken)
+    see_writable(*paths)
 
 
 def see_writable(*paths: Path, make_folder: bool = False) -> None:
-    """Refuse what `put` could not write, before the work whose result is to be written.
-
-    Raises
-    ------
-    UserError
-        As of `put`.
-    """
+    """Refuse, as `put` does, what it could not write, before the work whose result is to be written."""
     for path in paths:
         folder = path.absolute().parent
         while make_folder and not folder.exists():

@@ -37,7 +37,7 @@ from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
-from seqrsm.files import see_free, see_writable
+from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -168,7 +168,6 @@ class Campaign:
             raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
         if csv is not None:  # known before any run is issued
             see_free(csv)
-            see_writable(csv)
         records: tuple[RunRecord, ...] | None = None
         while records is None:  # where another process decided meanwhile, choose again from what there is now
             self.store.mark()

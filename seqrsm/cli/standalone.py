@@ -37,11 +37,10 @@ def design(
     """Make and evaluate a stand-alone optimal design for a polynomial model."""
     from seqrsm.cli.designs import factors_of, standalone_design, write_design
     from seqrsm.cli.show import show_design
-    from seqrsm.files import see_free, see_writable
+    from seqrsm.files import see_free
 
     if csv is not None:
         see_free(csv)
-        see_writable(csv)
     with display("searching"):
         result = standalone_design(
             factors_of(factors, factor or ()), constraint or (), runs=runs, criterion=criterion, order=order,

@@ -272,7 +272,7 @@ def posterior(
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     n, p = Z.shape
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    check_runs(Z, y, w, p)
+    check_runs(Z, y, w)
     if prior is None or isinstance(prior, Flat):
         prior = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
     root = np.sqrt(w)

@@ -125,15 +125,12 @@ MIN_DF_PURE_ERROR = 4
 """Degrees of freedom of pure error from which that test says something."""
 
 
-def group_index(ids: Sequence[object] | AnyArray | None, n: int) -> IntArray | None:
+def group_index(ids: Sequence[object] | AnyArray | None) -> IntArray | None:
     """Integer label (n,) of each distinct id in order of appearance; None for None."""
     if ids is None:
         return None
-    values = list(ids)
-    if len(values) != n:
-        raise ValueError(f"{len(values)} ids for {n} runs")
     seen: dict[object, int] = {}
-    return np.array([seen.setdefault(value, len(seen)) for value in values], dtype=np.int64)
+    return np.array([seen.setdefault(value, len(seen)) for value in ids], dtype=np.int64)
 
 
 def sequential_ss(groups: Sequence[FloatArray], y: FloatArray) -> list[tuple[int, float]]:

@@ -48,15 +48,11 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
     most = len(found["candidates"]) if every else _MOST
     told = known[:most]
     unit, level = found["unit"], level_text(found["level"])
-    runs = {None: "the mean of many occasions", 1.0: "one occasion"}.get(found["runs"], "")
-    runs = runs or f"the mean of {found['runs']:g} occasions"
-    if found["relative"]:
-        size = with_unit(format_significant(abs(found["sufficient"]), 3), unit)
-        rule = f"A sensor suffices if its score is within {size} of the optimum's"
-    else:
-        rule = (
-            f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
-        )
+    runs = {None: "many occasions", 1.0: "one occasion"}.get(found["runs"], f"{found['runs'] or 0:g} occasions")
+    runs = runs if found["runs"] == 1.0 else f"the mean of {runs}"
+    enough = abs(found["sufficient"]) if found["relative"] else found["sufficient"]
+    size = with_unit(format_significant(enough, 3), unit)
+    rule = f"within {size} of the optimum's" if found["relative"] else f"{size} or better"
     digits = 1 if abs(found["optimum"]) > 1.0 else 3  # of percent, or of what lies between 0 and 1
     optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], digits), unit)}"
     if found.get("simulated") is not None:
@@ -64,7 +60,7 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
         optimum += f" by the fit and {simulated} on the occasions on which candidates are simulated"
     blocks: list[Block] = [
         Paragraph(
-            f"{rule}, for {runs} over one ground. {optimum}.",
+            f"A sensor suffices if its score is {rule}, for {runs} over one ground. {optimum}.",
             method=" Candidates are simulated with their own noise, angles, looks, cell and dates at the near edge, "
             "middle and far edge of their swath, on the same occasions and table draws as the optimum. Those that "
             "differ only in factors, within the region, are evaluated on the fitted surface.",
@@ -72,10 +68,8 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
     ]
     guess = found.get("guess")
     if found["relative"] and guess is not None and (guess - found["optimum"]) / found["sufficient"] <= 1.0:
-        remedy = "set `sufficient` of the application to the score that it needs"
-        text = (
-            f"Guessing scores {with_unit(format_number(guess, digits), unit)}, which suffices by this rule: {remedy}."
-        )
+        text = f"Guessing scores {with_unit(format_number(guess, digits), unit)}, which suffices by this rule: "
+        text += "set `sufficient` of the application to the score that it needs."
         blocks.append(Paragraph(text, "warning"))
     if told:
         blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
