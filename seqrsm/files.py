@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 from seqrsm.errors import Problem, UserError
 from seqrsm.plain import plain
@@ -18,20 +20,30 @@ def put_json(path: Path, document: Any) -> Path:
 
 
 def see_free(*paths: Path) -> None:
-    """Refuse a file that is there already: somebody may have worked on it.
-
-    Raises
-    ------
-    UserError
-        For each that is.
-    """
+    """Refuse a file that is there already, as somebody may have worked on it, or that could not be written."""
     taken = [Problem("the file exists already", "Name a new file.", file=str(path)) for path in paths if path.exists()]
     if taken:
         raise UserError(*taken)
+    see_writable(*paths)
 
 
-def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:
-    """Write ``data`` to a neighbouring file and rename it.
+def see_writable(*paths: Path, make_folder: bool = False) -> None:
+    """Refuse, as `put` does, what it could not write, before the work whose result is to be written."""
+    for path in paths:
+        folder = path.absolute().parent
+        while make_folder and not folder.exists():
+            folder = folder.parent
+        try:
+            with TemporaryFile(dir=folder):
+                pass
+            if path.is_dir():
+                raise IsADirectoryError(None, "it is a folder")
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+
+def put(path: Path, data: bytes | Callable[[IO[bytes]], object], *, make_folder: bool = False) -> Path:
+    """Write ``data``, or what it writes itself, to a neighbouring file and rename it.
 
     Raises
     ------
@@ -42,13 +54,17 @@ def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:
     try:
         if make_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_bytes(data)
+        with draft.open("wb") as stream:
+            stream.write(data) if isinstance(data, bytes) else data(stream)
         draft.replace(path)
     except OSError as error:
-        raise UserError(
-            f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path)
-        ) from error
+        raise _unwritable(path, error) from error
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
     return path
+
+
+def _unwritable(path: Path, error: OSError) -> UserError:
+    remedy = "Its folder must exist and be writable; or name another place."
+    return UserError(f"the file cannot be written: {error.strerror}", remedy, file=str(path))

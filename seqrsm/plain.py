@@ -33,3 +33,8 @@ def shallow(found: Any) -> dict[str, Any]:
 def counted(n: int, one: str, many: str = "") -> str:
     """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
     return f"{n} {one if n == 1 else many or f'{one}s'}"
+
+
+def heading(title: str, unit: str) -> str:
+    """Title with its unit, where it has one, as on an axis or over a column."""
+    return f"{title} [{unit}]" if unit else title

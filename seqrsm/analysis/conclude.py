@@ -168,7 +168,8 @@ def _estimate(
     return OptimumEstimate(
         settings=fitted.region.decode(best.point)[0],
         point=best.point,
-        at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
+        at_bound=best.at_bound,
+        active_constraints=best.active_constraints,
         mean=mean,
         optimism=float(scale.to_score(belief.mean(best.point[None, :]))[0]) - mean if taken_off else 0.0,
         confidence=found[0],

@@ -6,6 +6,7 @@ why stands in its place.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,8 +92,10 @@ class OptimumEstimate:
         Natural units, by factor name.
     point : ndarray (k,)
         Coded.
-    at_bound : tuple of str
-        Factors whose optimum lies at a bound of the region, such as "frequency (low)".
+    at_bound : dict
+        Numeric factors whose optimum lies at an end of their range, and which: "low" or "high".
+    active_constraints : tuple of str
+        Expressions of the constraints that hold with equality there.
     mean : float
         Estimated mean utility there.
     optimism : float
@@ -123,7 +126,8 @@ class OptimumEstimate:
 
     settings: dict[str, float | str]
     point: FloatArray
-    at_bound: tuple[str, ...]
+    at_bound: dict[str, str]
+    active_constraints: tuple[str, ...]
     mean: float
     confidence: Interval
     prediction: Interval
@@ -142,6 +146,11 @@ class OptimumEstimate:
     def of_ground(self) -> float:
         """Half-width that what is not known of the ground gives alone, score units; 0 where it was not measured."""
         return float(np.sqrt(max(self.whole.half_width**2 - self.by_chance.half_width**2, 0.0)))
+
+    def edges(self, factors: Iterable[str]) -> list[str]:
+        """The ends of the ``factors``, some of `at_bound`, and the active constraints, in words: "frequency (low)"."""
+        ends = [f"{name} ({self.at_bound[name]})" for name in factors]
+        return ends + [f"constraint {expr}" for expr in self.active_constraints]
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,8 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
-        **_of(best, "at_bound", "mean", "optimism", "confidence", "prediction"),
+        "at_bound": best.edges(best.at_bound),
+        **_of(best, "mean", "optimism", "confidence", "prediction"),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
         **_of(best, "level", "whole", "by_chance"),
         "ground": _ground(best),

@@ -40,7 +40,7 @@ from seqrsm.campaign.instruments import (
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, SpecError, UserError
-from seqrsm.files import put_json
+from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
@@ -143,13 +143,14 @@ def measure_candidates(
     Raises
     ------
     UserError
-        No candidates, or too few scores.
+        No candidates, too few scores, or a folder that cannot be written.
     """
     spec = campaign.spec
     wanted = candidates_of(spec)
     if not wanted:
         remedy = 'Add [[candidate]] with sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
         raise SpecError("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME))
+    see_writable(spec.folder / FILE)
     found: dict[str, Any] = {"key": _key(spec), "worlds": worlds, "applications": {}}
     analyses = campaign.analyse_all()
     progress(0, len(wanted) * len(analyses))
@@ -161,6 +162,7 @@ def measure_candidates(
             rows.append(one.row(candidate))
             progress(done * len(wanted) + number, len(wanted) * len(analyses))
         rows.sort(key=one.place)
+        one.compare_again(rows)
         found["applications"][analysis.application] = {**one.head(), "candidates": rows}
     found = dict(plain(found))
     put_json(spec.folder / FILE, found)
@@ -201,13 +203,15 @@ class _Comparer:
         self.runs = {"prediction": 1.0, "prediction_mean": float(self.spec.stop.replicates)}.get(kind, math.inf)
         self.settings = analysis.optimum.settings
         self.optimum: FloatArray | None = None
+        self.places: dict[str, list[Instrument]] = {}
         if self.spec.simulator is None:
             return
         cells = campaign.cells_of_ground()
         utility = tuple(u for u in task_of(self.spec, NO_RUN, self.settings).utilities if u[0] == application.name)
-        made = bundle_tasks(self.spec, self.settings, cells, range(worlds + PILOT_WORLDS))
+        made = bundle_tasks(self.spec, self.settings, cells, range(2 * worlds + PILOT_WORLDS))
         made = [replace(task, utilities=utility) for task in made]
-        self.tasks, self.pilots = made[: worlds * OCCASIONS], made[worlds * OCCASIONS :: OCCASIONS]
+        n, later = worlds * OCCASIONS, (worlds + PILOT_WORLDS) * OCCASIONS
+        self.tasks, self.pilots, self.fresh = made[:n], made[n:later:OCCASIONS], made[later:]
         self.base = instrument_of(made[0])
         self.optimum = self._simulated([self.base], self.tasks)[0]
 
@@ -231,6 +235,16 @@ class _Comparer:
         """What rows are sorted by: those not judged last, then the most probable first, then the best."""
         better = self.rule.sign * row.get("difference", 0.0)
         return row["how"] == "none", -row.get("probability", 0.0), -better
+
+    def compare_again(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Compare the first of several simulated candidates in worlds that had no part in making it the first."""
+        if len(self.places) < 2 or rows[0]["name"] not in self.places:
+            return
+        scores = self._simulated([self.base, *self.places[rows[0]["name"]]], self.fresh)
+        scores = scores[:, np.isfinite(scores).all(axis=(0, 2))]
+        if scores.shape[1] > 1:
+            found = compared(scores[1:], scores[0], self.rule, self.level, self.runs)
+            rows[0]["again"] = {"name": rows[0]["name"], "how": "simulation", **fields_to_json(found)}
 
     def row(self, candidate: Candidate) -> dict[str, Any]:
         """The answer for one candidate."""
@@ -306,6 +320,7 @@ class _Comparer:
             raise ConfigurationError("its simulations failed")
         own, optimum = scores[:, whole], self.optimum[whole]
         result = compared(own, optimum, self.rule, self.level, self.runs)
+        self.places[candidate.name] = places
         mixed_by = dict(mixtures(self.base, places[len(places) // 2]))
         owed = []
         # One occasion in each world tells enough: what it changes is told against the same.

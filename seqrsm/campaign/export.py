@@ -14,6 +14,7 @@ from seqrsm import __version__
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import StoreError
 from seqrsm.files import put, see_free
+from seqrsm.plain import heading
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
@@ -108,7 +109,7 @@ def _with_units(header: Sequence[str], spec: CampaignSpec) -> list[str]:
     units = dict.fromkeys(("cost", "run_cost"), spec.cost.unit)
     for factor in spec.factors:
         units |= {factor.name: factor.unit, f"proposed_{factor.name}": factor.unit}
-    return [f"{name} [{unit}]" if (unit := units.get(name, "")) else name for name in header]
+    return [heading(name, units.get(name, "")) for name in header]
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -15,9 +15,10 @@ from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, scene_at, score_images, simulate_images, task_of
 from seqrsm.campaign.status import latest_look
-from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text
+from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text, with_units
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
+from seqrsm.files import see_writable
 from seqrsm.progress import tell
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
@@ -67,20 +68,21 @@ def write_image(
     Raises
     ------
     UserError
-        Unknown factor, value, mask or suffix, or a sensor that cannot be.
+        Unknown factor, value, mask or suffix, a sensor that cannot be, or a place that cannot be written.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise UserError("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out))
+    see_writable(out)
     made = simulated(campaign, assignments, run_id, mask=mask, threads=threads, number=number)
-    picture = picture_of(made.image)
+    picture, settings = picture_of(made.image), with_units(campaign.spec.factors, made.task.settings)
     share, remarks = None, ""
     if mask:
         layer = np.asarray(picture.arrays[mask], dtype=np.bool_)
         share = float(layer.mean())
-        write_mask(out, mask, layer, made.scene, made.task.settings)
+        write_mask(out, mask, layer, made.scene, settings)
     else:
         writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
-        writer(out, picture, made.scene, made.task.settings)
+        writer(out, picture, made.scene, settings)
         remarks = "".join(f"; {remark}" for remark in _remarks(picture, out))
     shape = picture.values.shape
     del picture  # of a large scene, much memory that scoring can use

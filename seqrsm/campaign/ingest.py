@@ -290,7 +290,7 @@ def ranking_messages(summary: RankingSummary) -> list[str]:
     messages = [
         f"{count} {counted(len(summary.scores), 'run')} their scores, in logits: of "
         "two images whose scores differ by d, the better is preferred with probability 1 / (1 + exp(-d)). Zero is the "
-        "mean of these scores."
+        "mean of the first batch."
     ]
     if summary.scale_se > 0.0:
         factor = f"{math.exp(1.96 * summary.scale_se):.2g}"

@@ -20,7 +20,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
 from seqrsm.errors import UserError
-from seqrsm.files import put_json
+from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.spec.read import CampaignSpec
 
@@ -52,6 +52,7 @@ def measure_tradeoff(
         The campaign has no simulator.
     """
     task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the simulator, before anything is measured
+    see_writable(spec.folder / FILE)
     key = {"spec": spec.spec_hash, "version": __version__, "configurations": configurations, "occasions": occasions}
     kept = _kept(spec.folder)
     if kept.get("key") != key:

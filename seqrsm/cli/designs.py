@@ -10,19 +10,16 @@ from typing import Any, get_args
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
-from seqrsm.campaign.export import factor_columns
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import DesignReport, evaluate_design
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import Problem, ScoresFileError, UserError
+from seqrsm.errors import UserError
 from seqrsm.files import put
 from seqrsm.plain import plain, shallow
 from seqrsm.rng import generator
-from seqrsm.score.cells import read_settings
 
 _MAX_FACTORS = 8
 
@@ -81,25 +78,6 @@ def factors_of(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...
     return tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(number))
 
 
-def read_prior_runs(path: Path, region: Region) -> FloatArray:
-    """Coded settings (n, k) of runs already made, from a CSV with a column for each factor.
-
-    Raises
-    ------
-    ScoresFileError
-        The file cannot be read, lacks a factor, or has a value that is none; naming line and column.
-    """
-    rows = read_settings(path, factor_columns(region.factors))
-    for line, settings in rows:
-        try:
-            region.code([settings])
-        except UserError as error:
-            first = error.problems[0]
-            problem = Problem(first.message, first.remedy, path.name, line, first.field, first.value)
-            raise ScoresFileError(problem) from None
-    return region.code([settings for _, settings in rows])
-
-
 def standalone_design(
     factors: tuple[Factor, ...],
     constraints: Sequence[str],
@@ -108,7 +86,6 @@ def standalone_design(
     criterion: str,
     order: int,
     centre: int,
-    prior_runs: Path | None,
     seed: int,
     random_order: bool,
 ) -> dict[str, Any]:
@@ -126,8 +103,6 @@ def standalone_design(
         1 or 2.
     centre : int
         Runs at the centre.
-    prior_runs : Path or None
-        CSV of runs already made, a column for each factor.
     seed : int
     random_order : bool
         Rows in random order; else as the design is made.
@@ -135,14 +110,14 @@ def standalone_design(
     Returns
     -------
     dict
-        Points and what is known of their quality, prior runs counted.
+        Points and what is known of their quality.
 
     Raises
     ------
     DesignError, RegionError
         Fewer runs than terms, factors or constraints that cannot be.
     UserError
-        Options that do not go together; a file that cannot be read.
+        Options that do not go together.
     """
     known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
     if criterion.upper() not in known:
@@ -152,26 +127,23 @@ def standalone_design(
         raise UserError("no runs remain besides those at the centre", remedy, field="--centre", value=centre)
     region = Region(factors, tuple(Constraint(text) for text in constraints))
     model = QuadraticModel(factors, order)
-    prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
     repeats = np.tile(region.centre(), (centre, 1))
-    fixed = np.vstack([prior, repeats])
-    design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=fixed)
+    design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=repeats)
     points = np.vstack([repeats, design.points])
     if random_order:
         points = points[generator(seed, 0, "order of runs").permutation(len(points))]
-    report = evaluate_design(model, region, np.vstack([prior, points]))
+    report = evaluate_design(model, region, points)
     return {
         "factors": region.k,
         "names": list(region.names),
         "runs": len(points),
-        "prior_runs": len(prior),
         "terms": model.p,
         "criterion": criterion.upper(),
         "run_order": "random" if random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
         **plain(shallow(report)),
-        "warnings": _warnings(report, saturated=len(prior) + len(points) == model.p),
+        "warnings": _warnings(report, saturated=len(points) == model.p),
         "searches": design.starts,
         "searches_that_ended_here": design.hits,
         "seed": seed,

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from functools import cached_property, wraps
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 from seqrsm.errors import UserError
-from seqrsm.plain import counted, plain
+from seqrsm.plain import counted, heading, plain
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -86,10 +87,17 @@ class Sections(Shown):
         return render_sections(self.sections)
 
 
-def _see_whole(**given: tuple[Any, int]) -> None:
-    """UserError where a value is no whole number from the least one that is told with it."""
-    for name, (value, least) in given.items():
-        if isinstance(value, bool) or not hasattr(value, "__index__") or value < least:
+def _see(kind: Any, **given: Any) -> None:
+    """UserError where a value is not of a kind, as `isinstance` takes it."""
+    for name, value in given.items():
+        if not isinstance(value, kind):
+            raise UserError(f"{name} must be {getattr(kind, '__name__', kind)}", "Correct it.", value=value)
+
+
+def _see_whole(least: int, **given: Any) -> None:
+    """UserError where a value is no whole number from the least one."""
+    for name, value in given.items():
+        if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
             raise UserError(f"{name} is a whole number from {least}", "Correct it.", value=value)
 
 
@@ -126,6 +134,7 @@ class Campaign:
     def __init__(self, folder: str | Path) -> None:
         from seqrsm.campaign.campaign import Campaign as Opened  # the numerical libraries: not for `import seqrsm`
 
+        _see(str | Path, folder=folder)
         self._opened = Opened.open(Path(folder))
 
     @property
@@ -169,6 +178,9 @@ class Campaign:
         **tables : Mapping
             Further tables of ``campaign.toml``: ``model={"order": 1}``, ``stop={"max_runs": 30}``.
         """
+        _see(str | Path, folder=folder)
+        _see(str | None, template=template)
+        _see(str | Sequence, constraints=constraints)
         place = Path(folder)
         if template is not None:
             from seqrsm.spec.templates import copy_template
@@ -179,7 +191,7 @@ class Campaign:
             return cls(place)
         from seqrsm.spec.write import create_campaign, factor_tables
 
-        if not factors or not isinstance(factors, Mapping) or half_width is None:
+        if not isinstance(factors, Mapping) or not factors or half_width is None:
             remedy = "Give both, or a template."
             raise UserError("a campaign needs factors, a mapping by name, and half_width", remedy)
         named = {"name": application, "utility": "measured"} if isinstance(application, str) else application
@@ -192,7 +204,7 @@ class Campaign:
         for name, key, value in (("campaign", "name", place.name), ("stop", "half_width", half_width)):
             given = tables.get(name, {})
             content[name] = {key: value, **given} if isinstance(given, Mapping) else given
-        create_campaign(place, {name: table for name, table in content.items() if table != []})
+        create_campaign(place, content)
         return cls(place)
 
     @property
@@ -216,12 +228,16 @@ class Campaign:
 
     def void(self, run_id: int, why: str) -> None:
         """Exclude a run from the fit for a reason; nothing is ever deleted."""
-        self.opened.store.void(run_id, why)
+        _see_whole(1, run_id=run_id)
+        _see(str, why=why)
+        self.opened.store.void(int(run_id), why)
 
     @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
         """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
-        _see_whole(n=(1 if n is None else n, 1))
+        _see_whole(1, n=1 if n is None else n)
+        _see(str | None, source=source)
+        _see(Path | None, csv=csv)
         if self.spec.simulator is None and source in ("simulation", "best"):
             raise UserError("this campaign has no simulator", "Use flight.", field="--source", value=source)
         return list(self.opened.propose(n, source=source, csv=csv))
@@ -245,15 +261,22 @@ class Campaign:
         runs = self.issue(n, source=source)
         if why := why_not(n, runs):
             warnings.warn(why, stacklevel=2)
-        return self.form(runs)
+        return self.form([run.run_id for run in runs])
 
-    def form(self, runs: Sequence[RunRecord] | None = None) -> DataFrame:
+    def form(self, run_ids: Iterable[int] | None = None) -> DataFrame:
         """The form for some runs, by default for all that await a measurement."""
         import pandas as pd
 
         from seqrsm.campaign.export import form_rows
 
-        wanted = self.opened.store.runs("issued", source="flight") if runs is None else runs
+        _see(Iterable | None, run_ids=run_ids)
+        wanted = list(self.opened.store.runs("issued", source="flight")) if run_ids is None else []
+        made = {run.run_id: run for run in self.opened.store.runs()}
+        for run_id in () if run_ids is None else run_ids:
+            _see_whole(1, run_id=run_id)
+            if run_id not in made:
+                raise UserError("there is no such run", "Use numbers of issued runs.", field="run", value=run_id)
+            wanted.append(made[run_id])
         header, rows = form_rows(self.spec, wanted)
         return pd.DataFrame(rows, columns=pd.Index(header))
 
@@ -277,7 +300,7 @@ class Campaign:
     @_one_thread
     def carry_out(self, **options: Any) -> tuple[RunRecord, ...]:
         """Simulate the issued runs as `simulate` does and return records; ``options``: where, and who is told."""
-        _see_whole(workers=(options.get("workers", 1), 1))
+        _see_whole(1, workers=options.get("workers", 1))
         if self.spec.simulator is None and not self.opened.store.runs(source="simulation"):
             from seqrsm.campaign.simulation import check_simulator
 
@@ -293,7 +316,8 @@ class Campaign:
         """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""
         from seqrsm.campaign.loop import run_campaign
 
-        _see_whole(workers=(options.get("workers", 1), 1))
+        whole = {name: value for name in ("max_runs", "batch", "workers") if (value := options.get(name)) is not None}
+        _see_whole(1, **whole)
         return run_campaign(self.opened, **options)
 
     # -- looking --------------------------------------------------------------------------------------------------
@@ -312,9 +336,13 @@ class Campaign:
         from seqrsm.analysis.compromise import campaign_compromise
         from seqrsm.analysis.study import term_test
 
+        _see(str | None, application=application)
+        _see(str | Sequence, test=test)
+        wanted = [test] if isinstance(test, str) else test
+        for one in wanted:
+            _see(str, test=one)
         opened = self.opened
         analyses = opened.analyse_all(application, sampler="emcee", thorough=True)
-        wanted = [test] if isinstance(test, str) else test
         tests = [[term_test(analysis, text) for text in wanted] for analysis in analyses]
         return Fit(opened, analyses, tests, campaign_compromise(opened.spec, analyses))
 
@@ -333,7 +361,8 @@ class Campaign:
         """
         from seqrsm.campaign.candidates import measure_candidates
 
-        _see_whole(worlds=(worlds, 4), workers=(workers, 1))
+        _see_whole(4, worlds=worlds)
+        _see_whole(1, workers=workers)
         return Candidates(measure_candidates(self.opened, worlds=worlds, workers=workers, progress=progress))
 
     @_one_thread
@@ -381,18 +410,22 @@ class Campaign:
             settings, scores and a summary are attributes.
         """
         from seqrsm.campaign.images import simulated
+        from seqrsm.design.factors import with_units
         from seqrsm.simulate.pictures import labelled_arrays, picture_of
 
-        _see_whole(run_id=(run_id, 0), number=(number, 1), threads=(threads, 1))
+        _see_whole(0, run_id=run_id)
+        _see_whole(1, number=number, threads=threads)
+        _see(Mapping | None, settings=settings)
         given = {**(settings or {}), **more}
         texts = [f"{name}={value}" for name, value in given.items()]
         made = simulated(self.opened, texts, run_id, threads=threads, number=number)
         picture = picture_of(made.image)
         arrays = labelled_arrays(picture)
-        told = made.told(picture.values.shape)
+        told, spec = made.told(picture.values.shape), self.spec
+        scores = told["scores"].items()
         attributes = {
-            **told["settings"],
-            **{f"score of {name}": value for name, value in told["scores"].items()},
+            **with_units(spec.factors, told["settings"]),
+            **{heading(f"score of {name}", spec.application(name).score_unit): value for name, value in scores},
             "summary": told["summary"],
             "scene": made.scene.name,
         }
@@ -413,11 +446,17 @@ class Campaign:
     ) -> tuple[Path, ...]:
         """Write the report, by default HTML and PDF into the campaign's ``reports``; return the files written."""
         from seqrsm.campaign.dossier import assemble
+        from seqrsm.files import see_writable
         from seqrsm.report import write_report
 
+        _see(str | Path | None, html=html, pdf=pdf, figures=figures)
         if html is None and pdf is None and figures is None:
             html, pdf = self.folder / "reports" / "report.html", self.folder / "reports" / "report.pdf"
-        files = {name: Path(file) for name, file in (("html", html), ("pdf", pdf), ("figures", figures)) if file}
+        files = {
+            name: Path(file) for name, file in (("html", html), ("pdf", pdf), ("figures", figures)) if file is not None
+        }
+        places = [file / "captions.csv" if name == "figures" else file for name, file in files.items()]
+        see_writable(*places, make_folder=True)
         return write_report(assemble(self.opened, step), **files, step=step)
 
 
@@ -479,6 +518,7 @@ class Candidates(Sections):
         for application, found in self._result["applications"].items():
             for one in found["candidates"]:
                 row = {"application": application, "candidate": one["name"], "how": one["how"]}
+                row["score_unit"] = found["unit"]
                 row |= {name: one.get(name) for name in ("probability", "score", "difference")}
                 for kind in ("confidence", "one_ground"):
                     row |= {f"{kind}_{end}": one.get(kind, {}).get(end) for end in ("low", "high")}
@@ -543,7 +583,7 @@ class Fit(Sections):
         rows = []
         for analysis in self.analyses:
             best, row = analysis.optimum, {"application": analysis.application, **analysis.optimum.settings}
-            row["mean"] = best.mean
+            row |= {"score_unit": analysis.score_unit, "mean": best.mean}
             for kind in ("confidence", "prediction", "prediction_mean"):
                 interval = getattr(best, kind)
                 row |= {f"{kind}_low": interval.low, f"{kind}_high": interval.high}

@@ -89,7 +89,7 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
     shares = {"scored cells": statistics["scored_fraction"], **statistics["category_fractions"]}
     rows = (
         ("elevation", f"{low} to {high} m"),
-        ("slope", f"rms {rms}, at most {most}"),
+        ("slope", f"rms {rms} m/m, at most {most} m/m"),
         ("fields", f"{statistics['n_fields']}, median {1e-4 * statistics['median_field_m2']:.3g} ha by area"),
         *((name, format_percent(share)) for name, share in shares.items()),
     )
@@ -119,8 +119,6 @@ def show_design(result: Mapping[str, Any]) -> None:
         cells = [value if isinstance(value, str) else f"{round(value, 4) + 0.0:.5g}" for value in settings.values()]
         rows.append([str(i + 1), *cells])
     show_table(["run", *result["names"]], rows)
-    if result["prior_runs"]:
-        line(f"together with {result['prior_runs']} prior runs:")
     known = [[words, f"{result[name]:.4g}"] for name, words in _OF_DESIGN.items() if result[name] is not None]
     show_table((), known, sides=("left",))
     curve = result["fraction_of_design_space"]
@@ -128,7 +126,7 @@ def show_design(result: Mapping[str, Any]) -> None:
         shares = ", ".join(f"{curve[at]:.4g} over {at} %" for at in (50, 90, 100))
         line(f"scaled prediction variance at most {shares} of the region")
     line(f"{result['n_distinct']} distinct settings, {result['df_pure_error']} degrees of freedom of pure error")
-    for warning in result.get("warnings", ()):
+    for warning in result["warnings"]:
         line(f"Warning: {warning}")
 
 

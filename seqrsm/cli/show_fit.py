@@ -54,7 +54,7 @@ def show_fit(
         show_sections(application_sections(spec, looks, analysis, ""))
         if asked:
             line()
-            show_blocks([term_test_table(asked)])
+            show_blocks([term_test_table(analysis, asked)])
     if compromise is not None:
         show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
         show_sections([compromise_section(spec.region, compromise)])

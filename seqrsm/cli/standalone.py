@@ -29,9 +29,6 @@ def design(
     ] = None,
     order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
     centre: Annotated[int, typer.Option(min=0, help="Runs at the centre.")] = 0,
-    prior_runs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV of runs already made, which the design augments.")
-    ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
     random_order: Annotated[bool, typer.Option("--random-order", help="Randomize the run order.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search and of the random order.")] = 1979,
@@ -47,7 +44,7 @@ def design(
     with display("searching"):
         result = standalone_design(
             factors_of(factors, factor or ()), constraint or (), runs=runs, criterion=criterion, order=order,
-            centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
+            centre=centre, seed=seed, random_order=random_order,
         )  # fmt: skip
     if csv is not None:
         write_design(csv, result)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, RegionError
+from seqrsm.plain import heading
 
 Scale: TypeAlias = Literal["linear", "log"]
 
@@ -337,6 +338,11 @@ def setting_with_unit(factor: Factor, value: float | str) -> str:
     if isinstance(value, str) or isinstance(factor, CategoricalFactor):
         return str(value)
     return f"{plain_setting(factor, float(value)):.15g} {factor.unit}".rstrip()
+
+
+def with_units(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> dict[str, float | str]:
+    """Settings by name and unit, "frequency [GHz]"."""
+    return {heading(factor.name, factor.unit): settings[factor.name] for factor in factors}
 
 
 def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:

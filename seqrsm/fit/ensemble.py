@@ -167,14 +167,10 @@ class _Chain:
         long_enough = after.shape[0] > _TAUS * largest and kept.shape[0] >= 4
         chains = after.reshape(after.shape[0], ENSEMBLES, -1, d)
         every = max(after.shape[0] * chains.shape[2] // _R_HAT_DRAWS, 1)
-        r_hat = np.array([convergence.r_hat(_thinned(chains[:, :, :, j], every)) for j in range(d)])
+        # Ensembles x draws in the order of time, every so many of them.
+        draws = np.moveaxis(chains, 1, 0).reshape(ENSEMBLES, -1, d)[:, ::every]
+        r_hat = np.array([convergence.r_hat(draws[:, :, j]) for j in range(d)])
         return _Reached(tau * self.thin, r_hat, ess, kept, long_enough)
-
-
-def _thinned(chains: FloatArray, every: int) -> FloatArray:
-    """Steps x ensembles x walkers -> ensembles x draws in the order of time, every ``every``-th of them."""
-    flat = np.moveaxis(chains, 1, 0).reshape(chains.shape[1], -1)
-    return flat[:, ::every]
 
 
 def _sampled(chain: _Chain, reached: _Reached, target: Target) -> Sampled:

@@ -45,8 +45,8 @@ class Optimum:
         Coded settings. Among equally good ones the nearest to the centre.
     value : float
         Fitted value there.
-    at_bound : tuple of str
-        Numeric factors at an end of their range, such as "frequency (low)".
+    at_bound : dict
+        Numeric factors at an end of their range, and which: "low" or "high".
     active_constraints : tuple of str
         Expressions of the constraints that hold with equality there.
     ties : ndarray (t, k)
@@ -60,7 +60,7 @@ class Optimum:
 
     point: FloatArray
     value: float
-    at_bound: tuple[str, ...]
+    at_bound: dict[str, str]
     active_constraints: tuple[str, ...]
     ties: FloatArray
     flat: bool
@@ -73,8 +73,6 @@ def sign_of(goal: Goal) -> float:
 
 
 def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
-    if goal not in ("maximize", "minimize"):
-        raise ValueError(f"goal must be 'maximize' or 'minimize', not {goal!r}")
     found: FloatArray = np.asarray(betas, dtype=np.float64) * sign_of(goal)
     if not np.all(np.isfinite(found)):
         raise ValueError("the coefficients must be finite")
@@ -108,10 +106,10 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     )
 
 
-def at_bound(region: Region, point: FloatArray) -> tuple[str, ...]:
-    """Numeric factors of ``point`` (k,) that lie at an end of their range, such as "frequency (low)"."""
+def at_bound(region: Region, point: FloatArray) -> dict[str, str]:
+    """Numeric factors of ``point`` (k,) that lie at an end of their range, and which: "low" or "high"."""
     ends = [j for j in region.numeric if abs(point[j]) >= 1.0 - 1e-9]
-    return tuple(f"{region.names[j]} ({'high' if point[j] > 0.0 else 'low'})" for j in ends)
+    return {region.names[j]: "high" if point[j] > 0.0 else "low" for j in ends}
 
 
 def active_constraints(region: Region, point: FloatArray) -> tuple[str, ...]:

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, TypeAlias
 
+from seqrsm.plain import heading
+
 Align: TypeAlias = Literal["left", "right"]
 Tone: TypeAlias = Literal["plain", "lead", "note", "warning"]
 
@@ -58,11 +60,6 @@ class KeyFigures:
     """The numbers of the summary, side by side."""
 
     items: tuple[KeyFigure, ...]
-
-
-def heading(title: str, unit: str) -> str:
-    """Title with its unit, where it has one, as on an axis or over a column."""
-    return f"{title} [{unit}]" if unit else title
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from seqrsm.campaign.next_runs import rounded_settings as settings_of_run
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.design.region import Region
-from seqrsm.plain import counted
-from seqrsm.report.blocks import Cell, Column, heading, right
+from seqrsm.plain import counted, heading
+from seqrsm.report.blocks import Cell, Column, right
 from seqrsm.report.rounding import (
     NOTHING,
     decimals_for,
@@ -77,6 +77,11 @@ def readable_term(name: str) -> str:
     parts.append(name[start:])
     split = (part.partition("[") for part in parts)
     return " \u00d7 ".join(readable(head) + bracket + tail for head, bracket, tail in split)
+
+
+def fitted_unit(analysis: Analysis) -> str:
+    """Unit of the response that the model is fitted to."""
+    return "logit" if analysis.scale.kind == "logit" else analysis.score_unit
 
 
 def with_unit(text: str, unit: str) -> str:

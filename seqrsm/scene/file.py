@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, Float32Array
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
+from seqrsm.files import put
 from seqrsm.scene.scene import MAX_CELLS, Scene
 
 SCHEMA: Final = 1
@@ -35,7 +36,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
 
     Raises
     ------
-    SceneError
+    UserError
         The file cannot be written.
     """
     notes = dict(scene.category_notes)
@@ -55,12 +56,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "provenance": np.array(scene.provenance),
         **scene.states,
     }
-    try:
-        with open(path, "wb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **members)
-    except OSError as error:
-        remedy = "Make its folder first, or name another file"
-        raise SceneError(f"cannot write the scene: {error.strerror}", remedy, file=str(path)) from error
+    put(Path(path), lambda stream: np.savez_compressed(stream, allow_pickle=False, **members))
 
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:
@@ -136,7 +132,9 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
     if not {"elevation_m", "elevation_cm"} & set(members):
         missing.append("elevation_m")
     if missing:
-        raise SceneError(*(Problem("the layer is missing", "Write it with save_scene", file, field=n) for n in missing))
+        raise SceneError(
+            f"no scene of seqrsm: without {', '.join(missing)}", "Make one: seqrsm scene import", file=file
+        )
     try:
         if int(members["schema"]) != SCHEMA:
             message = f"written for schema {int(members['schema'])}, this version reads {SCHEMA}"

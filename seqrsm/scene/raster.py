@@ -13,6 +13,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.files import see_writable
 from seqrsm.plain import counted
 from seqrsm.scene.fields import connected_patches, cut_patches
 from seqrsm.scene.file import save_scene
@@ -71,6 +72,8 @@ def import_scene(
         A file that cannot be read, is in degrees, does not overlap the other, or holds codes the legend lacks; a field
         smaller than a cell.
     """
+    if out is not None:
+        see_writable(Path(out))
     given = {"elevation": elevation, "cover": cover, **(layers or {})}
     chosen = dict(parts or {})
     _check_parts(chosen, given)

@@ -7,9 +7,9 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
+from seqrsm.plain import heading
 from seqrsm.score.table import TableSource, read_table, table_text
 from seqrsm.units import reciprocal_factor, unit_factor, units_like
 
@@ -102,7 +102,7 @@ def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     whole = near.casefold().startswith(factor.name.casefold())
     rest = near[len(factor.name if whole else _first_word(near)) :].strip(" _-./[](),:")
     unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
-    return f"Rename the column '{near}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
+    return f"Rename the column '{near}' to '{heading(factor.name, unit)}'."
 
 
 def _first_word(name: str) -> str:
@@ -335,24 +335,3 @@ class CellReader:
     def free_columns(self) -> list[str]:
         """Columns that are the user's own, or that bear a name we do not know."""
         return [name for name in self.columns if name not in self.meant]
-
-
-def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int, dict[str, float | str]]]:
-    """Line and settings of every row of a file that has a column for each factor; other columns are passed over.
-
-    Raises
-    ------
-    ScoresFileError
-        With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
-    """
-    reader = CellReader(path, factors)
-    reader.header()
-    reader.refuse()
-    found = [
-        (line, {factor.name: reader.setting(factor, cells, line) for factor in factors})
-        for line, cells in reader.complete_rows()
-    ]
-    if not found:
-        reader.add("there are no runs", "Add a row for each run.", reader.table.header_line)
-    reader.refuse()
-    return found

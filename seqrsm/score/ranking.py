@@ -8,7 +8,7 @@ for one who guesses. A shift that an interpreter adds to all images cancels in a
 known. Images that an interpreter ranks equal count as ranked in some order that we are not told: their probability is
 summed over all orders, which is the integral of eq. 2.
 
-Scores are relative: their mean is zero, and each new ranking changes all of them.
+Scores are relative: here their mean is zero, and each new ranking changes all of them.
 
 Several interpreters who rank many images say little of each: the most probable scores and sharpnesses together would be
 those of one infallible interpreter, whose order the scores repeat. Scores are therefore drawn from a normal

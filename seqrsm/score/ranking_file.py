@@ -87,8 +87,9 @@ class _Reader(CellReader):
         if not self.problems:
             for line, cells in self.complete_rows():
                 self.image(found, line, cells)
+        whole = not self.problems
         for (_, interpreter, session), images in found.items():
-            if len(images) < 2:
+            if whole and len(images) < 2:  # else an image may be missing for another reason
                 remedy = "A ranking compares two images or more."
                 of = f"{interpreter}{f', session {session}' if session else ''}"
                 self.add(f"the ranking of {of} has one image", remedy, images[0].line, "rank")
@@ -107,7 +108,7 @@ class _Reader(CellReader):
         application = self.application(self.cell(cells, "application"), line)
         rank = self.number(self.cell(cells, "rank"), line, "rank")
         if rank is not None and rank <= 0.0:
-            self.add("a rank is 1 or more", "The best image has rank 1.", line, "rank", rank)
+            self.add("a rank is 1 or more", "The best image has rank 1.", line, "rank", self.cell(cells, "rank"))
         given = bool(self.factors) and self.factors[0].name in self.columns
         settings = {f.name: self.setting(f, cells, line) for f in self.factors} if given else None
         if rank is None or run_id is None or len(self.problems) > before:

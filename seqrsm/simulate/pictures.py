@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from seqrsm.errors import UserError
+from seqrsm.files import put
 from seqrsm.scene.scene import Scene
 from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels
 from seqrsm.simulate.radar.receiver import picture as quantised_picture
@@ -252,7 +252,7 @@ def write_png(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
     shown = np.moveaxis(tones, 0, -1) if len(tones) == 3 else tones[0]
     note = PngInfo()
     note.add_text("seqrsm settings", json.dumps(dict(settings)))
-    _write(out, lambda: Image.fromarray(np.ascontiguousarray(shown)).save(out, pnginfo=note))
+    put(out, lambda stream: Image.fromarray(np.ascontiguousarray(shown)).save(stream, "PNG", pnginfo=note))
 
 
 def _shown_levels(picture: Picture) -> AnyArray:
@@ -272,10 +272,10 @@ def write_mask(out: Path, name: str, mask: BoolArray, scene: Scene, settings: Ma
 
     layer = np.where(mask, np.uint8(255), np.uint8(0))
     if out.suffix.lower() == ".png":
-        _write(out, lambda: Image.fromarray(layer).save(out))
+        put(out, lambda stream: Image.fromarray(layer).save(stream, "PNG"))
     elif out.suffix.lower() == ".npz":
         arrays: dict[str, Any] = {name: mask, "settings": np.array(json.dumps(dict(settings)))}
-        _write(out, lambda: np.savez_compressed(out, **arrays))
+        put(out, lambda stream: np.savez_compressed(stream, **arrays))
     else:
         _write_layers(out, layer[None], scene, {"quantity": name, "unit": "", "settings": dict(settings)})
 
@@ -288,7 +288,7 @@ def write_npz(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
         "scene": np.array(scene.name),
         "settings": np.array(json.dumps(dict(settings))),
     }
-    _write(out, lambda: np.savez_compressed(out, **arrays))
+    put(out, lambda stream: np.savez_compressed(stream, **arrays))
 
 
 def write_geotiff(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
@@ -329,10 +329,10 @@ def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, 
         # GTModelType = projected, GTRasterType = pixel is area, ProjectedCSType = EPSG code.
         keys = (1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, _PROJECTED_CS_KEY, 0, 1, scene.epsg)
         tags.append((_GEO_KEYS, "H", len(keys), keys, True))
-    _write(
+    put(
         out,
-        lambda: tifffile.imwrite(
-            out,
+        lambda stream: tifffile.imwrite(
+            stream,
             layers,
             photometric="minisblack",
             planarconfig="separate" if len(layers) > 1 else None,
@@ -342,10 +342,3 @@ def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, 
             metadata=None,
         ),
     )
-
-
-def _write(out: Path, action: Any) -> None:
-    try:
-        action()
-    except OSError as error:
-        raise UserError(f"cannot write the file: {error.strerror}", "Name another file.", file=str(out)) from error

@@ -265,13 +265,9 @@ def run_many(
 
     Raises
     ------
-    ValueError
-        `workers` is below 1.
     UserError
         The cluster cannot be reached, is lost or stands still, or its client library is not installed.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
     results: Iterator[tuple[int, R | Lost]]
     if cluster is not None:
         results = run_on_cluster(function, arguments, cluster, files)

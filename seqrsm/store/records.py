@@ -299,7 +299,8 @@ class RankingSummary:
     rankings : int
         That count.
     scores : dict of int to (float, float)
-        Score and standard error [logit] of each run that the rankings join.
+        Score of each run that the rankings join, from the mean of the first batch, and its standard error, from the
+        mean of all [logit].
     scale_se : float
         Relative standard error of the distance between scores, which all have in common.
     apart : tuple of int

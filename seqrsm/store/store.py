@@ -375,7 +375,7 @@ class Store:
     def ranking_summaries(self) -> tuple[RankingSummary, ...]:
         """What the rankings of each ranked application say."""
         with self._read() as ledger:
-            names = dict.fromkeys(row.application for row in stored_rankings(ledger))
+            names = dict.fromkeys(row.application for row in stored_rankings(ledger) if not row.reason)
             return tuple(ranking_summary(ledger, name) for name in names)
 
     def verify(self) -> None:

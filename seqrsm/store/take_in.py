@@ -302,8 +302,8 @@ def ranking_summary(ledger: Ledger, application: str) -> RankingSummary:
     they compare.
     """
     rows = [row for row in stored_rankings(ledger) if row.application == application and not row.reason]
-    states = ledger.states({row.run_id for row in rows})
-    rows = [row for row in rows if states[row.run_id] != "void"]
+    ranked = {run.run_id: run for run in ledger.runs(RUNS.c.id.in_({row.run_id for row in rows}))}
+    rows = [row for row in rows if ranked[row.run_id].state != "void"]
     rankings = {number: group for number, group in _by_number(rows).items() if len(group) > 1}
     run_ids = sorted({row.run_id for group in rankings.values() for row in group})
     names = list(dict.fromkeys(group[0].interpreter for group in rankings.values()))
@@ -312,13 +312,13 @@ def ranking_summary(ledger: Ledger, application: str) -> RankingSummary:
         Ranking.of(names.index(group[0].interpreter), [index[row.run_id] for row in group], [row.rank for row in group])
         for group in rankings.values()
     ]
-    return _fit(application, run_ids, names, orders)
+    return _fit(application, [ranked[run_id] for run_id in run_ids], names, orders)
 
 
-def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders: Sequence[Ranking]) -> RankingSummary:
+def _fit(name: str, runs: Sequence[RunRecord], names: Sequence[str], orders: Sequence[Ranking]) -> RankingSummary:
     if not orders:
-        return RankingSummary(application, 0, {}, 0.0, (), ())
-    label = connected(orders, len(run_ids))
+        return RankingSummary(name, 0, {}, 0.0, (), ())
+    label = connected(orders, len(runs))
     main = int(np.argmax(np.bincount(label)))
     joined = np.flatnonzero(label == main)
     place = {int(image): i for i, image in enumerate(joined)}
@@ -329,7 +329,10 @@ def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders:
         for order in inside
     ]
     fit = fit_rankings(inside, len(joined), len(heard))
-    scores = {run_ids[i]: (float(fit.scores[k]), float(fit.se[k])) for i, k in place.items()}
+    # Later batches are better: the mean of all would move between the looks of a campaign.
+    first = min(runs[i].batch for i in place)
+    zero = np.mean([fit.scores[k] for i, k in place.items() if runs[i].batch == first])
+    scores = {runs[i].run_id: (float(fit.scores[k] - zero), float(fit.se[k])) for i, k in place.items()}
     effects = []
     for k, j in enumerate(heard):
         factor = float(np.exp(1.96 * fit.sharpness_log_se[k]))
@@ -337,8 +340,8 @@ def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders:
         count = sum(order.interpreter == k for order in inside)
         agreement = tau if np.isfinite(tau) else None
         effects.append(InterpreterEffect(names[j], count, sharpness, sharpness / factor, sharpness * factor, agreement))
-    apart = tuple(run_id for i, run_id in enumerate(run_ids) if i not in place)
-    return RankingSummary(application, len(inside), scores, fit.scale_se, apart, tuple(effects))
+    apart = tuple(run.run_id for i, run in enumerate(runs) if i not in place)
+    return RankingSummary(name, len(inside), scores, fit.scale_se, apart, tuple(effects))
 
 
 def _write_scores(ledger: Ledger, application: str, summary: RankingSummary) -> None:

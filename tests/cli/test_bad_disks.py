@@ -164,6 +164,37 @@ def test_a_folder_that_may_not_be_written(readable, command):
     assert (readable / STORE_NAME).read_bytes() == content
 
 
+def work(*_: object, **__: object) -> None:
+    raise AssertionError("worked although the result cannot be written")
+
+
+@pytest.mark.parametrize(
+    ("long", "command"),
+    [
+        ("seqrsm.campaign.images.simulated", "image {} --out {}/none/a.png"),
+        ("seqrsm.campaign.dossier.assemble", "report {} --html {}/first.csv/a.html"),
+        ("seqrsm.campaign.dossier.assemble", "report {} --pdf {}"),
+        ("seqrsm.campaign.dossier.assemble", "report {} --figures {}/first.csv"),
+        ("seqrsm.cli.designs.standalone_design", "design --factors 2 --runs 9 --csv {}/none/a.csv"),
+        ("seqrsm.scene.raster.read_geotiff", "scene import --elevation a --cover b --legend c --out {}/none/a.npz"),
+        ("seqrsm.campaign.campaign.Campaign.decide", "propose {} --csv {}/none/a.csv"),
+    ],
+)
+def test_a_result_that_cannot_be_written_is_told_before_the_work(folder, monkeypatch, long, command):
+    monkeypatch.setattr(long, work)
+    assert "the file cannot be written: " in call(*command.replace("{}", str(folder)).split(), code=2)
+
+
+@pytest.mark.parametrize("command", ["candidates", "tradeoff"])
+def test_a_file_of_the_campaign_that_may_not_be_written_is_told_before_the_work(readable, monkeypatch, command):
+    monkeypatch.setattr("seqrsm.campaign.candidates.candidates_of", lambda spec: [spec])
+    monkeypatch.setattr("seqrsm.campaign.campaign.Campaign.analyse_all", work)
+    monkeypatch.setattr("seqrsm.campaign.tradeoff.task_of", lambda *_: None)
+    monkeypatch.setattr("seqrsm.campaign.tradeoff.rounded_settings", work)
+    with as_nobody():
+        assert f"{command}.json: the file cannot be written: Permission denied" in call(command, readable, code=2)
+
+
 def test_a_medium_that_cannot_be_written_can_be_read(folder, tmp_path, monkeypatch):
     expected = {command: call(command, folder, "--json") for command in ("status", "fit")}
     call("export", folder, tmp_path / "one.json")

@@ -89,6 +89,25 @@ def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared:
     assert row["one_ground"]["low"] < row["confidence"]["low"] < row["difference"]
 
 
+def test_the_first_is_compared_again_in_worlds_that_had_no_part_in_its_choice(compared: Path, monkeypatch) -> None:
+    """Of many as good in truth the first is one that the worlds favour, by more than its interval allows for."""
+    drawn = []
+    scores_of = Campaign.scores_of
+
+    def seen(tasks: list, *others: object) -> object:
+        drawn.append({task.world for task in tasks})
+        return scores_of(tasks, *others)
+
+    monkeypatch.setattr(Campaign, "scores_of", staticmethod(seen))
+    told = ok("candidates", compared, "--worlds", 4)
+    first, *others = json.loads((compared / FILE).read_text(encoding="utf-8"))["applications"]["cover"]["candidates"]
+    assert len(drawn[-1]) == 4
+    assert all(drawn[-1].isdisjoint(worlds) for worlds in drawn[:-1])
+    assert first["again"].keys() == {"name", "how", "score", "difference", "confidence", "one_ground", "probability"}
+    assert not any("again" in row for row in others)
+    assert f"The first of {len(others)} candidates may owe its place to chance." in " ".join(told.split())
+
+
 def test_in_a_notebook_it_is_the_same(compared: Path) -> None:
     theirs = json.loads(ok("candidates", compared, "--worlds", 4, "--json"))
     mine = seqrsm.Campaign(compared).candidates(worlds=4)

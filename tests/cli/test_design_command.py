@@ -60,31 +60,6 @@ def test_factors_of_every_kind_and_a_constraint(tmp_path) -> None:
         assert settings["f"] == pytest.approx(4.0 * 4.0 ** point[0])
 
 
-def test_runs_already_made_are_completed(tmp_path) -> None:
-    file = tmp_path / "old.csv"
-    file.write_text("\ufeffb;a;score\n0.5;10;80\n1;20;81\n0;15;79\n", encoding="utf-8")
-    options = ("--factor", "a=10:20", "--factor", "b=0:1")
-    found = made(*options, "--runs", 6, "--prior-runs", file)
-    assert (found["runs"], found["prior_runs"]) == (6, 3)
-    old = np.array([[-1.0, 0.0], [1.0, 1.0], [0.0, -1.0]])
-    Z = quadratic(np.vstack([old, found["points"]]))
-    assert found["d_value"] == pytest.approx(np.linalg.det(Z.T @ Z) ** (1 / 6) / 9)
-    # Blank lines are counted, and decimal commas and what spreadsheets write before a header are read as in `ingest`.
-    file.write_text("sep=;\na;b\n10;0,5\n\n20;1\n15;0\n", encoding="utf-8")
-    assert made(*options, "--runs", 6, "--prior-runs", file)["d_value"] == pytest.approx(found["d_value"])
-    file.write_text("a,b\n10,0.5\n\n15,much\n", encoding="utf-8")
-    message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
-    assert "old.csv:4" in message
-    assert "b" in message
-    assert "much" in message
-    file.write_text("a\n10\n", encoding="utf-8")
-    message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
-    assert "old.csv:1: b: no column" in message
-    file.write_text("a,b\n", encoding="utf-8")
-    assert "no runs" in call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
-    call(*options, "--runs", 6, "--prior-runs", tmp_path / "none.csv", code=2)
-
-
 def test_random_order_keeps_the_design(tmp_path) -> None:
     """The same runs in other places, by the seed; the file has the rows of the screen."""
     plain = made("--factors", 2, "--runs", 9)

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
+from seqrsm.store.store import Store
 
 SPEC = """\
 [campaign]
@@ -344,6 +345,20 @@ def test_new_rankings_change_all_scores_and_void_takes_them_back(ranked):
     assert "already void" in ranked.call("void", "--ranking", 3, "--why", "again", code=2)
 
 
+def test_zero_stays_where_it_was_when_better_images_are_ranked(ranked):
+    """That of the initial design: the mean of all would rise towards the optimum, and the optimum's score fall."""
+    start = [run["run_id"] for run in ranked.runs()]
+    order = " ".join(map(str, start))
+    ranked.ingest(ranking_file(ann=order, bob=order))
+    ranked.call("propose", "-n", "2")
+    better = [run["run_id"] for run in ranked.runs()[len(start) :]]
+    told = ranked.ingest(ranking_file(cy=" ".join(map(str, [*better, *start]))), name="more.csv")
+    assert "Zero is the mean of the first batch." in told
+    scores = {run["run_id"]: run["scores"][0]["score"] for run in ranked.runs()}
+    assert sum(scores[run_id] for run_id in start) == pytest.approx(0.0, abs=1e-9)
+    assert all(scores[run_id] > scores[start[0]] for run_id in better)
+
+
 def test_the_same_rankings_again_do_not_count_twice(ranked):
     ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
     before = ranked.document()["rankings"]
@@ -393,6 +408,13 @@ def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
     assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 5 + ["issued"]
 
 
+def test_rankings_that_are_all_void_say_nothing(ranked):
+    ranked.ingest(ranking_file(ann="1 2 3"))
+    ranked.call("void", "--ranking", 1, "--why", "a slip")
+    with Store.open(ranked.path, seed=4) as store:
+        assert store.ranking_summaries() == ()
+
+
 def test_a_void_run_leaves_the_scores(ranked):
     ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
     ranked.call("void", 3, "--why", "wrong field")
@@ -420,6 +442,11 @@ def test_a_void_run_leaves_the_scores(ranked):
 def test_bad_rankings(ranked, content, says):
     assert says in ranked.ingest(content, code=2)
     assert ranked.document()["rankings"] == []
+
+
+def test_a_bad_rank_is_told_once_and_as_it_was_written(ranked):
+    told = ranked.ingest("run_id,interpreter,rank\n1,ann,0\n2,ann,1\n", code=2)
+    assert told.strip() == "error: scores.csv:2: rank: a rank is 1 or more (got '0'). The best image has rank 1."
 
 
 def test_a_score_by_hand_is_no_ranking(ranked):

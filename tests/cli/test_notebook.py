@@ -69,6 +69,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert plain(mine.status().result) == {**status, "campaign": "mine"}
     assert ok("fit", theirs).rstrip().endswith(ok_summary(repr(fit)))
     frame = fit.to_frame()
+    assert frame.loc[0, "score_unit"] == fit.analyses[0].score_unit
     assert frame.loc[0, "mean"] == fit.analyses[0].optimum.mean
     assert frame.loc[0, "prediction_low"] == fit.analyses[0].optimum.prediction.low
     assert "Recommended settings" in fit._repr_html_()
@@ -104,7 +105,9 @@ def test_an_image_is_that_of_the_command(tmp_path: Path, tiny_scene: Path) -> No
     with np.load(out) as kept:
         for name in ("intensity_w", "incidence_angle_deg", "shadow"):
             assert np.array_equal(image[name], kept[name])
-    assert image.attrs["score of cover"] == told["scores"]["cover"]
+        assert json.loads(kept["settings"].item())["resolution [m]"] == 20.0
+    assert image.attrs["resolution [m]"] == 20.0
+    assert image.attrs["score of cover [percent]"] == told["scores"]["cover"]
     assert image["image"].dims == ("channel", "line", "sample")
     assert image["image"].attrs["units"] == "dB"
 
@@ -121,7 +124,7 @@ def test_without_xarray_an_image_is_arrays(tiny: Path, monkeypatch: pytest.Monke
     image = seqrsm.Campaign(tiny).image({"resolution": 20})
     assert isinstance(image, dict)
     assert image["image"].ndim == 3
-    assert image["resolution"] == 20.0
+    assert image["resolution [m]"] == 20.0
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
@@ -232,9 +235,43 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
     for table in ({"x": [1], "score": [3]}, [1, 2], None):
         with pytest.raises(UserError, match="DataFrame"):
             c.ingest(table)  # type: ignore[arg-type]
+    plain, table, array = object(), pd.DataFrame({"x": [1]}), np.array([1, 2])
+    for call in (
+        *(lambda value=value: seqrsm.Campaign(value) for value in (1, None, ["m"])),
+        *(lambda value=value: seqrsm.Campaign.create(value, template="flevoland") for value in (1, None)),
+        *(
+            lambda value=value: seqrsm.Campaign.create(tmp_path / "n", template=value)
+            for value in (1, ["flevoland"], table)
+        ),
+        *(
+            lambda given=given: seqrsm.Campaign.create(
+                tmp_path / "n", **{"factors": {"x": (0, 9)}, "half_width": 1, **given}
+            )
+            for given in ({"factors": array}, {"half_width": {1: 2}}, {"constraints": None}, {"model": array})
+        ),
+        *(lambda value=value: c.void(value, "why") for value in (array, None, "1", [1])),
+        *(lambda value=value: c.void(1, value) for value in (None, 1, ["why"])),
+        *(lambda value=value: c.propose(value) for value in (array, np.array(["a"]), [1], table)),
+        *(lambda value=value: c.propose(1, source=value) for value in (array, 1, ["flight"], table)),
+        *(lambda value=value: c.form(value) for value in (1, "x", ["x"], [plain], [None], [99], table)),
+        *(lambda value=value: c.run(max_runs=value) for value in ("x", 0, array, 2.5)),
+        *(lambda value=value: c.run(batch=value) for value in ("x", 0, array, 2.5)),
+        *(lambda value=value: c.simulate(value) for value in (array, None, "1")),
+        *(lambda value=value: c.fit(value) for value in (array, 1, ["score"])),
+        *(lambda value=value: c.fit(test=value) for value in (None, 1, array, [1], b"x")),
+        *(lambda value=value: c.candidates(worlds=value) for value in (array, None, "9")),
+        *(lambda value=value: c.image(value) for value in (-1, array, "x", [1], table)),
+        *(lambda value=value: c.image(run_id=value) for value in (array, None, "1")),
+        *(lambda value=value: c.report(html=value) for value in (0, "", ["a.html"], array)),
+    ):
+        with pytest.raises(UserError):
+            call()
+    assert not (tmp_path / "n").exists()
     assert c.runs().empty
     with pytest.warns(UserWarning, match="8 runs instead of 4: the initial design is issued as a whole"):
         plan = c.propose(np.int64(4))
+    assert c.form(plan["run_id"]).equals(plan)
+    assert c.form([8, 2])["run_id"].tolist() == [8, 2]
     c.ingest(plan.assign(score=plan["x"] * 2 + np.arange(len(plan)) % 3))
     assert c.fit(test="x,first order").to_json()["tests"] == c.fit(test=["x,first order"]).to_json()["tests"]
     c.void(1, "clouds")

@@ -150,7 +150,7 @@ def test_check_says_which_combinations_leave_gaps(folder):
     assert len(gaps) == 1
     # Of three levels of resolution, 20, 40 and 80 m, two leave gaps, whatever the frequency.
     assert gaps[0].startswith("gaps at nadir at 6 of 9 settings")
-    assert "resolution 20" in gaps[0]
+    assert "resolution 20 m" in gaps[0]
     assert "gaps at nadir at 6 of 9" in call("check", folder).output
     refused = text.replace('polarization = "H+V"', 'polarization = "H+V"\ngaps = "refuse"')
     (folder / "campaign.toml").write_text(refused, encoding="utf-8")

@@ -173,6 +173,7 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
         settings=region.decode(best.point)[0],
         point=best.point,
         at_bound=best.at_bound,
+        active_constraints=best.active_constraints,
         mean=float(one.mean[0]),
         confidence=interval(one.confidence),
         prediction=interval(one.prediction),

@@ -62,12 +62,13 @@ from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.check import check_sections, rehearsal_section
+from seqrsm.report.sections.data import interpreter_table
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import term_test_table
 from seqrsm.report.sections.optimum import shape_section
 from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
-from seqrsm.store.records import EventRecord
+from seqrsm.store.records import EventRecord, InterpreterEffect, RankingSummary
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -283,7 +284,7 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
             *check_sections(result, every_note=False),
             *check_sections(result, every_note=True),
             rehearsal_section(rehearsed),
-            Section("tests", "Tests", (term_test_table(tests),)),
+            Section("tests", "Tests", (term_test_table(studied.analyses[0], tests),)),
             _measured(studied.analyses[0]),
         ),
         capsys,
@@ -424,6 +425,14 @@ def test_a_report_tells_of_the_likeliest_candidates_and_how_many_others_there_ar
     assert "not shown here" not in " ".join(of_blocks(whole.blocks, terminal=True))
 
 
+def test_interpreters_are_in_all_faces(capsys) -> None:
+    people = (InterpreterEffect("Ann", 4, 1.26, 0.81, 1.96, 0.584), InterpreterEffect("Bob", 3, 0.794, 0.51, 1.2, None))
+    summary = RankingSummary("clear", 7, {}, 0.1, (), people)
+    in_all_faces((Section("people", "Interpreters", (interpreter_table(summary),)),), capsys)
+    told = " ".join(of_blocks((interpreter_table(summary),), terminal=True))
+    assert all(text in told for text in ("Ann", "1.3", "0.81 to 2.0", "0.58", "Bob", "0.79", "0.51 to 1.2"))
+
+
 BY_REPORT = {
     "application_sections", "assumption_section", "compromise_section", "compromise_summary", "cover_section",
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
@@ -432,8 +441,8 @@ BY_REPORT = {
     "shape_section", "summary_section", "surface_section",
 }  # fmt: skip
 BY_NAME = {
-    "calendar_section", "candidate_section", "check_sections", "measure_section", "rehearsal_section", "speed_section",
-    "term_test_table", "tradeoff_blocks",
+    "calendar_section", "candidate_section", "check_sections", "interpreter_table", "measure_section",
+    "rehearsal_section", "speed_section", "term_test_table", "tradeoff_blocks",
 }  # fmt: skip
 
 

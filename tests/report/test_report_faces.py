@@ -142,6 +142,31 @@ def test_numbers_are_those_of_the_analysis(simulated, page):
     assert abs(mean - truth_score(best.point[None, :])[0]) < 4 * s * np.sqrt(h)
 
 
+NO_UNIT = {
+    "df", "F", "p", "t", "Run", "Runs", "Batch", "Leverage", "Studentised", "Cook's distance", "Value", "run",
+    "leverage", "studentised residual", "scored runs", "Setting", "Optimal setting, 95\u00a0% credible interval",
+    "Range or levels", "frequency", "resolution", "depression angle", "looks",
+}  # fmt: skip
+"""Heads of counts, ratios and test statistics, of directions in coded units, and of columns whose rows have units."""
+
+
+def test_no_column_of_numbers_is_without_a_unit(report):
+    numbers = re.compile(r"[-\u2212\u00b1<> \d.,to]*\d[-\u2212\u00b1<> \d.,to]*")
+    for block in all_blocks(report.sections):
+        if isinstance(block, Table):
+            bare = {
+                column.title
+                for k, column in enumerate(block.columns)
+                if "[" not in column.heading and any(numbers.fullmatch(row[k].text) for row in block.rows)
+            }
+            assert "Coefficients [percent]" in block.caption or bare <= NO_UNIT, block.caption
+    for *_, panel in named_panels(report):
+        data = panel.data and panel.data()
+        for k, name in enumerate(data.columns if data and len(data.columns) < 20 else ()):
+            number = any(isinstance(row[k], float) and np.isfinite(row[k]) for row in data.rows)
+            assert "[" in name or not number or name in NO_UNIT, (panel.name, name)
+
+
 def test_pdf_is_tagged_and_titled_and_carries_no_date(paper):
     reader = PdfReader(io.BytesIO(paper))
     root = reader.trailer["/Root"]

@@ -238,7 +238,8 @@ def test_no_edge_is_widened_that_has_nothing_beyond(tmp_path: Path) -> None:
     best = replace(
         found.optimum,
         settings={"heading_deg": 0.0, "integration_time": 10.0},
-        at_bound=("heading_deg (low)", "integration_time (high)", "constraint x0 <= 0.5"),
+        at_bound={"heading_deg": "low", "integration_time": "high"},
+        active_constraints=("x0 <= 0.5",),
     )
     for simulator, edge in (
         (None, "heading_deg (low), integration_time (high) and"),

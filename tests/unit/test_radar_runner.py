@@ -74,11 +74,6 @@ def test_leaving_a_parallel_run_begins_no_other_and_waits_for_none():
     assert len(begun) <= 3
 
 
-def test_no_workers_is_refused():
-    with pytest.raises(ValueError, match="at least 1"):
-        list(run_many(draw, [1], workers=0))
-
-
 def test_a_missing_client_library_is_told_with_the_line_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"seqrsm\[cluster\]"):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_scene
 
-from seqrsm.errors import SceneError
+from seqrsm.errors import SceneError, UserError
 from seqrsm.scene import file as scene_file
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import NO_COVER, Scene
@@ -148,8 +148,8 @@ def test_file_is_named_with_the_layer(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scored": None}, "scored: the layer is missing"),
-        ({"elevation_cm": None}, "elevation_m: the layer is missing"),
+        ({"scored": None}, "no scene of seqrsm: without scored. Make one: seqrsm scene import"),
+        ({"elevation_cm": None}, "no scene of seqrsm: without elevation_m"),
         ({"schema": np.array(99)}, "schema 99"),
         ({"schema": np.array("x")}, "wrong form"),
         ({"category_notes": np.array(["a"])}, "wrong form"),
@@ -189,7 +189,7 @@ def test_zip_bomb_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_cannot_write(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot write"):
+    with pytest.raises(UserError, match="cannot be written"):
         save_scene(small(), tmp_path / "missing" / "s.npz")
 
 

@@ -241,7 +241,7 @@ def test_the_command_refuses_with_the_remedy_and_writes_nothing(files, tmp_path)
         assert not (tmp_path / "s.npz").exists()
     result = command(files, tmp_path / "absent" / "s.npz")
     assert result.exit_code == 2
-    assert "Make its folder first" in result.stderr
+    assert "Its folder must exist and be writable" in result.stderr
 
 
 def test_rasters_of_one_cell_and_of_one_row_become_scenes(files, tmp_path):

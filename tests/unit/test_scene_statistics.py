@@ -41,6 +41,11 @@ def test_a_scene_without_elevations_is_shown_without_warnings(tmp_path: Path) ->
 def test_a_scene_is_shown_in_words_and_units(tmp_path: Path) -> None:
     save_scene(made(), tmp_path / "s.npz")
     result = CliRunner().invoke(app, ["scene", "show", str(tmp_path / "s.npz")])
-    for words in (r"elevation +0\.000 to 30\.00 m", r"scored cells +100 %", r"fields +\d+, median [\d.]+ ha by area"):
+    for words in (
+        r"elevation +0\.000 to 30\.00 m",
+        r"scored cells +100 %",
+        r"fields +\d+, median [\d.]+ ha by area",
+        r"slope +rms [\d.]+ m/m, at most [\d.]+ m/m",
+    ):
         assert re.search(rf"^{words}$", result.stdout, re.MULTILINE), result.stdout
     assert "_" not in result.stdout

@@ -13,9 +13,11 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.least_squares import LeastSquaresFit, normal_plot
+from seqrsm.plain import heading
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import factor_column, run_texts, score_column, score_label
+from seqrsm.report.wording import fitted_unit
 from seqrsm.store.records import LookRecord
 
 if TYPE_CHECKING:
@@ -91,7 +93,8 @@ def residual_data(analysis: Analysis) -> PanelData:
     fitted = analysis.scale.to_score(fit.fitted)
     values = (analysis.data.run_ids, analysis.data.scores, fitted, fit.residuals, fit.studentised, fit.leverage)
     rows = zip(*(value.tolist() for value in values), strict=True)
-    return PanelData((*columns, "residual", "studentised residual", "leverage"), tuple(rows))
+    residual = heading("residual", fitted_unit(analysis))
+    return PanelData((*columns, residual, "studentised residual", "leverage"), tuple(rows))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
-from seqrsm.report.blocks import PanelData, heading
+from seqrsm.plain import heading
+from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.rounding import format_range

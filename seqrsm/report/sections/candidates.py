@@ -6,19 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.report.blocks import (
-    Block,
-    Bullets,
-    Cell,
-    FigureBlock,
-    Head,
-    PanelData,
-    Paragraph,
-    Section,
-    heading,
-    right,
-    table,
-)
+from seqrsm.plain import heading
+from seqrsm.report.blocks import Block, Bullets, Cell, FigureBlock, Head, PanelData, Paragraph, Section, right, table
 from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_range, format_share, format_significant
 from seqrsm.report.wording import level_text, listing, number_cell, slug, with_unit
@@ -59,15 +48,11 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
     most = len(found["candidates"]) if every else _MOST
     told = known[:most]
     unit, level = found["unit"], level_text(found["level"])
-    runs = {None: "the mean of many occasions", 1.0: "one occasion"}.get(found["runs"], "")
-    runs = runs or f"the mean of {found['runs']:g} occasions"
-    if found["relative"]:
-        size = with_unit(format_significant(abs(found["sufficient"]), 3), unit)
-        rule = f"A sensor suffices if its score is within {size} of the optimum's"
-    else:
-        rule = (
-            f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
-        )
+    runs = {None: "many occasions", 1.0: "one occasion"}.get(found["runs"], f"{found['runs'] or 0:g} occasions")
+    runs = runs if found["runs"] == 1.0 else f"the mean of {runs}"
+    enough = abs(found["sufficient"]) if found["relative"] else found["sufficient"]
+    size = with_unit(format_significant(enough, 3), unit)
+    rule = f"within {size} of the optimum's" if found["relative"] else f"{size} or better"
     digits = 1 if abs(found["optimum"]) > 1.0 else 3  # of percent, or of what lies between 0 and 1
     optimum = f"The optimum's score is {with_unit(format_number(found['optimum'], digits), unit)}"
     if found.get("simulated") is not None:
@@ -75,7 +60,7 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
         optimum += f" by the fit and {simulated} on the occasions on which candidates are simulated"
     blocks: list[Block] = [
         Paragraph(
-            f"{rule}, for {runs} over one ground. {optimum}.",
+            f"A sensor suffices if its score is {rule}, for {runs} over one ground. {optimum}.",
             method=" Candidates are simulated with their own noise, angles, looks, cell and dates at the near edge, "
             "middle and far edge of their swath, on the same occasions and table draws as the optimum. Those that "
             "differ only in factors, within the region, are evaluated on the fitted surface.",
@@ -83,13 +68,18 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
     ]
     guess = found.get("guess")
     if found["relative"] and guess is not None and (guess - found["optimum"]) / found["sufficient"] <= 1.0:
-        remedy = "set `sufficient` of the application to the score that it needs"
-        text = (
-            f"Guessing scores {with_unit(format_number(guess, digits), unit)}, which suffices by this rule: {remedy}."
-        )
+        text = f"Guessing scores {with_unit(format_number(guess, digits), unit)}, which suffices by this rule: "
+        text += "set `sufficient` of the application to the score that it needs."
         blocks.append(Paragraph(text, "warning"))
     if told:
         blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
+    if told and (again := told[0].get("again")):
+        text = (
+            f"The first of {len(known)} candidates may owe its place to chance. In further draws of the tables "
+            f"{told[0]['name']} differs from the optimum by {_again(again, digits, unit, level)}, and suffices with a "
+            f"probability of {format_share(again['probability'])}."
+        )
+        blocks.append(Paragraph(text))
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit, digits))
     notes = [_note(row, digits, unit) for row in told]
@@ -129,6 +119,13 @@ def _row(row: Mapping[str, Any], digits: int) -> tuple[Cell, ...]:
         *(Cell(text) for text in ends),
         Cell(row["how"]),
     )
+
+
+def _again(found: Mapping[str, Any], digits: int, unit: str, level: str) -> str:
+    places = _places(found, digits)
+    mean, one = (with_unit(format_range(*_ends(found, name), places), unit) for name in ("confidence", "one_ground"))
+    difference = with_unit(format_number(found["difference"], places), unit)
+    return f"{difference} ({level} interval of the mean over grounds {mean}, of one ground {one})"
 
 
 def _owed(rows: Sequence[Mapping[str, Any]], unit: str, digits: int) -> Block:
@@ -199,9 +196,10 @@ def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
 
 def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
     shape = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(rows)}
-    alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
-    title, paint, data = f"Candidates against the optimum, {name}", partial(_paint, rows, found), partial(_data, rows)
-    panel = drawing.panel(title, alt, paint, f"candidates {name}", data, **shape)
+    told = (with_unit(f"{row['difference']:.3g}", found["unit"]) for row in rows)
+    alt = "; ".join(f"{row['name']}: {text}" for row, text in zip(rows, told, strict=True))
+    paint, data = partial(_paint, rows, found), partial(_data, rows, found)
+    panel = drawing.panel(f"Candidates against the optimum, {name}", alt, paint, f"candidates {name}", data, **shape)
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "anywhere in the swath (thin). In brackets: probability of sufficing. Dashed: sufficient."
@@ -209,10 +207,10 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
     return FigureBlock(lambda: (panel,), under, columns=1)
 
 
-def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
-    names = ("difference", "mean low", "mean high", "one ground low", "one ground high", "probability")
+def _data(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> PanelData:
+    names = ("difference", "mean low", "mean high", "one ground low", "one ground high")
     return PanelData(
-        ("sensor", *names),
+        ("sensor", *(heading(name, found["unit"]) for name in names), "probability"),
         tuple(
             (row["name"], row["difference"], *_ends(row), *_ends(row, "one_ground"), row["probability"]) for row in rows
         ),

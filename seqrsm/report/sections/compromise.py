@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.design.region import Region
+from seqrsm.plain import heading
 from seqrsm.report.blocks import (
     Block,
     Details,
@@ -21,7 +22,6 @@ from seqrsm.report.blocks import (
     Paragraph,
     Section,
     Table,
-    heading,
     right,
     table,
 )

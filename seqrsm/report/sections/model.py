@@ -13,7 +13,7 @@ from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import OUTLIER, extrapolated, influential_runs, normal_plot, outlier_p
-from seqrsm.plain import counted
+from seqrsm.plain import counted, heading
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -46,6 +46,7 @@ from seqrsm.report.rounding import (
 from seqrsm.report.wording import (
     capital,
     decimal_cell,
+    fitted_unit,
     interval_text,
     level_phrase,
     listing,
@@ -141,14 +142,9 @@ def _share_counted(analysis: Analysis) -> FloatArray:
     return np.asarray(share / np.max(share))
 
 
-def _unit(analysis: Analysis) -> str:
-    """Unit of the response that the model is fitted to."""
-    return "logit" if analysis.scale.kind == "logit" else analysis.score_unit
-
-
 def _statistics_table(analysis: Analysis) -> Table:
     fit = analysis.fit
-    unit = _unit(analysis)
+    unit = fitted_unit(analysis)
     condition = fit.condition_number
     pairs: list[tuple[str, Cell]] = [
         ("Runs N", whole_cell(fit.n_runs)),
@@ -190,11 +186,14 @@ def _anova_table(analysis: Analysis) -> Table:
         )
         for row in analysis.fit.anova()
     )
-    columns: tuple[Head, ...] = ("Source", *map(right, ("df", "Sum of squares", "Mean square", "F", "p")))
+    squares = (right(title, _squared(fitted_unit(analysis))) for title in ("Sum of squares", "Mean square"))
+    columns: tuple[Head, ...] = ("Source", right("df"), *squares, right("F"), right("p"))
     caption = "Sequential analysis of variance; the residual divides into lack of fit and pure error"
-    if analysis.scale.kind == "logit":
-        caption += " (logit scale)"
     return table(caption, columns, rows)
+
+
+def _squared(unit: str) -> str:
+    return f"{unit}\u00b2" if unit.isalpha() else f"({unit})\u00b2" if unit else ""
 
 
 def _lack_of_fit_text(analysis: Analysis) -> str:
@@ -248,7 +247,8 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *map(right, ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high")),
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
-    caption = f"Coefficients in coded units, {level} confidence interval and posterior"
+    what = heading("Coefficients", fitted_unit(analysis))
+    caption = f"{what} in coded units, {level} confidence interval and posterior"
     return table(caption, columns, rows, sortable=True)
 
 
@@ -382,14 +382,14 @@ def _influence_table(analysis: Analysis) -> Table:
         )
         for i in chosen
     )
-    titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
-    scale = ", on the logit scale" if analysis.scale.kind == "logit" else ""
+    scores = (right(title, fitted_unit(analysis)) for title in ("Observed", "Fitted", "Residual"))
+    columns = (right("Run"), *scores, *map(right, ("Studentised", "Leverage", "Cook's distance")))
     share = (
         f", the {MAX_INFLUENCE_ROWS} of {fit.n_runs} runs with the largest Cook's distance"
         if len(chosen) < fit.n_runs
         else ""
     )
-    return table(f"Residuals and influence{scale}{share}", map(right, titles), rows, sortable=True)
+    return table(f"Residuals and influence{share}", columns, rows, sortable=True)
 
 
 def _by_block(analysis: Analysis) -> list[Block]:
@@ -397,7 +397,7 @@ def _by_block(analysis: Analysis) -> list[Block]:
     found = analysis.blocks
     if found is None:
         return []
-    blocks: list[Block] = [Paragraph(_block_text(found, _unit(analysis)))]
+    blocks: list[Block] = [Paragraph(_block_text(found, fitted_unit(analysis)))]
     if isinstance(found.new, BlockResponse) and found.effect == "fixed":  # else the summary's interval is that
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
@@ -433,7 +433,7 @@ def _largest_vif(analysis: Analysis) -> tuple[str, float] | None:
     return readable_term(analysis.fit.names[worst]), float(vif[worst])
 
 
-def term_test_table(tests: Sequence[TermTest]) -> Table:
+def term_test_table(analysis: Analysis, tests: Sequence[TermTest]) -> Table:
     """Partial F tests that were asked for."""
     rows = (
         (
@@ -446,5 +446,6 @@ def term_test_table(tests: Sequence[TermTest]) -> Table:
         )
         for one in tests
     )
-    columns = ("Test", right("df"), right("Sum of squares"), right("F"), right("p"), "Terms")
+    squares = right("Sum of squares", _squared(fitted_unit(analysis)))
+    columns = ("Test", right("df"), squares, right("F"), right("p"), "Terms")
     return table("Partial F tests", columns, rows)

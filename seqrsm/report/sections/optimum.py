@@ -38,6 +38,7 @@ from seqrsm.report.figures.optimum import (
     paint_lines,
     paint_optimum_posterior,
     paint_slice,
+    score_column,
     slice_data,
     target_is_near,
 )
@@ -109,12 +110,13 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
     pairs = chosen_pairs(analysis)
     found = intervals_at(analysis, stop)
     told = "; ".join(f"{name} {interval_text(analysis, one)}" for name, one in found)
+    columns = ("interval", score_column(analysis, "low"), score_column(analysis, "high"))
     intervals = drawing.panel(
         "Intervals at the recommended settings",
         f"Intervals at the recommended settings: {told}.",
         partial(paint_intervals, analysis, found, stop),
         "intervals",
-        lambda: PanelData(("interval", "low", "high"), tuple((name, one.low, one.high) for name, one in found)),
+        lambda: PanelData(columns, tuple((name, one.low, one.high) for name, one in found)),
         height_in=2.0,
     )
     if pairs:

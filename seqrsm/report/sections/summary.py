@@ -292,8 +292,7 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}"
-    ends = {f"{name} ({end})": name for name in best.settings for end in ("low", "high")}  # others: constraints
-    if edges := [edge for edge in best.at_bound if edge not in ends or _can_widen(spec, best.settings, ends[edge])]:
+    if edges := best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name)):
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         first = " (raise [stop] max_runs first)" if decision.budget_spent else ""

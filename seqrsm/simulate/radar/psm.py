@@ -318,42 +318,32 @@ def tops_counted_twice(frame: RadarFrame) -> list[str]:
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:
     """Assumptions of the engine that matter for this image."""
-    notes = [
-        "fading is independent between pixels and between channels",
-        "ground outside the scene returns nothing" if frame.wrapped else "ground outside the scene is its mirror image",
-    ]
-    if radar.finer_pixels:
-        notes[0] = "fading is correlated over the resolution cell and independent between channels"
-    if radar.pixel_spacing_m < frame.cell_m:
-        notes.append(finer_than_cells(radar, frame.cell_m))
-    if radar.texture_db > 0.0:
-        notes.append(
-            f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)"
-        )
-    else:
-        notes.append("fields are even inside: texture_db = 0")
-    if frame.top_m is not frame.elevation_m:
-        notes.append(
-            f"trees of {radar.tree_height_m:g} m and buildings of {radar.building_height_m:g} m hide what lies behind "
-            "them, at every frequency"
-        )
-    if radar.elevation_pattern == "isotropic":
-        notes.append("antenna gain is the same over the swath")
-    if smeared and not radar.finer_pixels:
-        notes.append(
-            f"{smeared} of {len(looks)} image rows are finer than the range response "
-            f"({radar.slant_resolution_m:.4g} m slant): their power is spread over it"
-        )
-    if radar.looks is not None and float(looks.min()) < radar.looks * (1.0 - 1e-9):
-        notes.append(f"the near part of the swath offers {float(looks.min()):.3g} looks, fewer than asked for")
-    if not frame.curved:
-        sag_m = frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
-        if sag_m > radar.resolution_m:
-            notes.append(f"the Earth is taken as flat; its curvature at the far edge would be {sag_m:.0f} m")
-    if frame.wrapped:
-        widths = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
-        notes.append(f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam wide")
-        notes.append("the scene was resampled to polar coordinates, its categories by the nearest cell")
-    elif frame.cell_of_scene is not None:
-        notes.append("the heading is not along the grid: the scene was rotated, its categories by the nearest cell")
-    return tuple(notes)
+    least, sag_m = float(looks.min()), frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
+    near, far = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
+    rotated = not frame.wrapped and frame.cell_of_scene is not None
+    notes = {
+        "fading is correlated over the resolution cell and independent between channels": radar.finer_pixels,
+        "fading is independent between pixels and between channels": not radar.finer_pixels,
+        "ground outside the scene returns nothing": frame.wrapped,
+        "ground outside the scene is its mirror image": not frame.wrapped,
+        finer_than_cells(radar, frame.cell_m): radar.pixel_spacing_m < frame.cell_m,
+        f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)": (
+            radar.texture_db > 0.0
+        ),
+        "fields are even inside: texture_db = 0": radar.texture_db <= 0.0,
+        f"trees of {radar.tree_height_m:g} m and buildings of {radar.building_height_m:g} m hide what lies behind "
+        "them, at every frequency": frame.top_m is not frame.elevation_m,
+        "antenna gain is the same over the swath": radar.elevation_pattern == "isotropic",
+        f"{smeared} of {len(looks)} image rows are finer than the range response ({radar.slant_resolution_m:.4g} m "
+        "slant): their power is spread over it": smeared > 0 and not radar.finer_pixels,
+        f"the near part of the swath offers {least:.3g} looks, fewer than asked for": (
+            radar.looks is not None and least < radar.looks * (1.0 - 1e-9)
+        ),
+        f"the Earth is taken as flat; its curvature at the far edge would be {sag_m:.0f} m": (
+            not frame.curved and sag_m > radar.resolution_m
+        ),
+        f"the beam is {near:.3g} to {far:.3g} m wide on the ground; a pixel is one beam wide": frame.wrapped,
+        "the scene was resampled to polar coordinates, its categories by the nearest cell": frame.wrapped,
+        "the heading is not along the grid: the scene was rotated, its categories by the nearest cell": rotated,
+    }
+    return tuple(note for note, holds in notes.items() if holds)
