@@ -141,7 +141,7 @@ def fit_random_blocks(
     """
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-    check_runs(Z, y, w)
+    check_runs(Z, y, w, Z.shape[1])
     names = tuple(dict.fromkeys(days))
     n, p = Z.shape
     if len(names) < 2:

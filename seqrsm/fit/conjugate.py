@@ -166,6 +166,8 @@ def mixture_interval(
     level: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> Interval:
     """Equal-tailed interval of each mixture."""
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level}")
     tail = 0.5 * (1.0 - level)
     return Interval(
         mixture_quantile(tail, shares, df, centre, scale), mixture_quantile(1.0 - tail, shares, df, centre, scale)
@@ -272,7 +274,7 @@ def posterior(
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     n, p = Z.shape
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    check_runs(Z, y, w)
+    check_runs(Z, y, w, p)
     if prior is None or isinstance(prior, Flat):
         prior = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
     root = np.sqrt(w)

@@ -171,6 +171,8 @@ class LeastSquaresFit:
         model = np.array([kind != "block" for kind in self.kinds])
         if rows.shape[1] == self.n_terms:
             return rows
+        if rows.shape[1] != np.count_nonzero(model):
+            raise ValueError(f"rows have {rows.shape[1]} columns, the model has {self.n_terms} terms")
         full = np.zeros((rows.shape[0], self.n_terms))
         full[:, model] = rows
         return full
@@ -196,6 +198,8 @@ class LeastSquaresFit:
             Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
             response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
         """
+        if replicates < 1 or np.any(np.asarray(weight) <= 0.0):
+            raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
         h, s = self.variance_unscaled(rows), known_scatter(self.s)
@@ -216,6 +220,8 @@ class LeastSquaresFit:
         The extra sum of squares is b'(C_gg)^-1 b over the group.
         """
         group = np.unique(np.asarray(indices, dtype=np.int64))
+        if group.size == 0 or group[0] < 0 or group[-1] >= self.n_terms:
+            raise ValueError(f"indices must name terms 0 ... {self.n_terms - 1}")
         _, R = np.linalg.qr(self.factor[group].T)
         df, wald = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
         ss = wald * self.inflation
@@ -336,9 +342,9 @@ def fit_least_squares(
     w = np.ones(y.shape[0]) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
     names = tuple(term if isinstance(term, str) else term.name for term in terms)
     kinds = tuple("block" if isinstance(term, str) else term.kind for term in terms)
-    check_runs(Z, y, w)
+    check_runs(Z, y, w, len(names))
     if y.size < len(names):
-        remedy = f"make {len(names)} runs or more, use fewer terms, or fit with an informative prior"
+        remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
         raise FitError(f"{y.size} runs cannot determine {len(names)} terms", remedy)
     (n, p), intercept = Z.shape, "intercept" in kinds
     if block_ids is None and "block" in kinds:
@@ -391,8 +397,8 @@ def fit_least_squares(
         Z=Z,
         y=y,
         weights=w,
-        setting_ids=group_index(setting_ids),
-        block_ids=group_index(block_ids),
+        setting_ids=group_index(setting_ids, n),
+        block_ids=group_index(block_ids, n),
         factor=np.sqrt(inflation) * L,
         inflation=inflation,
     )

@@ -73,6 +73,8 @@ def sign_of(goal: Goal) -> float:
 
 
 def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
+    if goal not in ("maximize", "minimize"):
+        raise ValueError(f"goal must be 'maximize' or 'minimize', not {goal!r}")
     found: FloatArray = np.asarray(betas, dtype=np.float64) * sign_of(goal)
     if not np.all(np.isfinite(found)):
         raise ValueError("the coefficients must be finite")

@@ -68,7 +68,7 @@ def beta_binomial_model(
     """
     Z = np.asarray(Z, dtype=np.float64)
     c, m = np.asarray(correct, dtype=np.float64), np.asarray(trials, dtype=np.float64)
-    check_runs(Z, c, np.ones(c.shape))
+    check_runs(Z, c, np.ones(c.shape), Z.shape[1])
     bad = ~((m > 0.0) & np.isfinite(m) & (c >= 0.0) & (c <= m))
     if np.any(bad):
         runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))

@@ -200,6 +200,8 @@ def test_cube_without_coordinates() -> None:
 
 def test_impossible_arguments_are_refused() -> None:
     model, region = cube(2)
+    with pytest.raises(ValueError, match="goal"):
+        optimum(model, region, np.zeros(model.p), "largest")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="finite"):
         optimum(model, region, np.full(model.p, np.nan))
 
