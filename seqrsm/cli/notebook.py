@@ -214,9 +214,9 @@ class Campaign:
 
     # -- the loop -------------------------------------------------------------------------------------------------
 
-    def void(self, run_id: int, why: str) -> None:
-        """Exclude a run from the fit for a reason; nothing is ever deleted."""
-        self.opened.store.void(run_id, why)
+    def void(self, run_ids: int | Sequence[int], why: str) -> None:
+        """Exclude a run, or several, from the fit for a reason; nothing is ever deleted."""
+        self.opened.store.void(run_ids, why)
 
     @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
