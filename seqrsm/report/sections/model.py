@@ -248,7 +248,7 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *map(right, ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high")),
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
-    caption = f"Coefficients in coded units, {level} confidence interval and posterior"
+    caption = f"Coefficients in coded units with their {level} confidence intervals"
     return table(caption, columns, rows, sortable=True)
 
 
