@@ -331,7 +331,7 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
     ):
         need = "more than a million" if ahead.runs_needed is None else f"about {ahead.runs_needed}"
         found.append(
-            f"The budget of {rule.max_runs} runs is unlikely to reach the target: {need} runs are needed; "
+            f"The budget of {rule.max_runs} runs is too small for the target: {need} runs are needed; "
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.

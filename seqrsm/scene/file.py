@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, Float32Array
-from seqrsm.errors import Problem, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scene.scene import MAX_CELLS, Scene
 
 SCHEMA: Final = 1
@@ -136,7 +136,8 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
     if not {"elevation_m", "elevation_cm"} & set(members):
         missing.append("elevation_m")
     if missing:
-        raise SceneError(*(Problem("the layer is missing", "Write it with save_scene", file, field=n) for n in missing))
+        remedy = "`seqrsm scene import` makes a scene of rasters, seqrsm.scene.file.save_scene of arrays"
+        raise SceneError(f"this is no scene: it has no {', '.join(missing)}", remedy, file=file)
     try:
         if int(members["schema"]) != SCHEMA:
             message = f"written for schema {int(members['schema'])}, this version reads {SCHEMA}"

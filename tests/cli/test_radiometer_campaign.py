@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from seqrsm.campaign.simulation import check_simulator
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import Scene
@@ -131,6 +132,16 @@ def test_a_table_of_ones_own_and_a_measured_beam_lie_beside_the_campaign(folder,
     monkeypatch.chdir(folder.parent)
     image(folder)
     np.testing.assert_allclose(np.nanmin(layer(folder, "brightness_k")), coldest, atol=0.5)
+
+
+def test_check_names_covers_of_a_table_that_the_scene_has_not(folder):
+    text = TOML.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntable = "emissivity.csv"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    for rows, idle in ((ROWS, 0), (ROWS.replace("Grass", "Gras"), 1)):
+        (folder / "emissivity.csv").write_text(rows, encoding="utf-8")
+        notes = check_simulator(load_spec(folder))
+        told = [note for note in notes if note.startswith("rows of emissivity.csv for Gras have no effect: ")]
+        assert len(told) == idle
 
 
 def test_faults_of_these_files_are_told_with_their_place(folder):
