@@ -254,6 +254,16 @@ class Region(OfFactors):
         moved[:, free] = np.clip(np.round(points[:, free] + step, 3), -1.0, 1.0)
         return moved
 
+    def at_other_levels(self, points: FloatArray) -> FloatArray:
+        """Points (n, k) with one discrete or categorical factor moved, to each of its levels; constraints apart."""
+        found = [points[:0]]
+        for j, factor in enumerate(self.factors):
+            for level in () if isinstance(factor, ContinuousFactor) else factor.coded_levels:
+                moved = points.copy()
+                moved[:, j] = level
+                found.append(moved)
+        return np.vstack(found)
+
     def candidates(self, n_continuous_levels: int = 5, limit: int = 20_000) -> FloatArray:
         """Feasible points that cover the region, shape (m, k), without repeats: a grid, or an even sequence.
 
