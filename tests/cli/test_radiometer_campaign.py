@@ -284,3 +284,21 @@ def test_an_error_is_made_small_and_has_a_unit(folder):
     output = call("check", folder, code=2).output
     assert f"campaign.toml:{line}: application 'moisture': goal: the utility is an error" in output
     assert 'Write goal = "minimize"' in output
+
+
+def test_the_interval_of_the_mean_that_decides_has_table_uncertainty_wherever_it_is_told(folder):
+    """What is held against the target is the mean over one ground; the mean over all has sampling error alone."""
+    water = TOML[TOML.index('[[application]]\nname = "water"') : TOML.index("[simulator]")]
+    text = TOML.replace(water, "").replace('"prediction_mean"', '"confidence"').replace("width = 3.0", "width = 0.2")
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    call("run", folder)
+    found = json.loads(call("fit", folder, "--json").stdout)
+    told, best = found["stop"]["half_width"], found["optimum"]
+    parts = (best["confidence"]["half_width"], best["ground"]["half_width"])
+    assert told == pytest.approx(np.hypot(*parts))
+    assert parts[1] > 0.1 * told
+    line = f"confidence interval of the mean over one ground: \u00b1 {told:#.3g} m3/m3, target"
+    assert line in call("status", folder).stdout
+    shown = call("fit", folder).stdout
+    assert "Mean score over one ground" in shown
+    assert "Mean score, sampling error only" not in shown
