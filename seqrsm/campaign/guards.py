@@ -268,7 +268,7 @@ def _corrections(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]
                 found = f"run {run.run_id} has score {old.score:g} and the rest is the same"
                 hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
                 if old.score == row.score:
-                    found = f"run {run.run_id} has this score, and the rest is the same but for notation"
+                    found = f"run {run.run_id} has this score, and the rest is the same but for notation or se"
                     hint = "Remove the row, or write it as before"
                 yield row, "score", row.score, found, f"{hint}. A true repeat must differ in a column such as note."
                 break

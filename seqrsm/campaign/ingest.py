@@ -157,7 +157,7 @@ def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    return ingested, outside, file.unscored, file_messages(file, outside), file
+    return ingested, outside, file.unscored, _remarks(outside, file.unscored), file
 
 
 def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
@@ -174,7 +174,7 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     images = [image for ranking in rankings for image in ranking.images]
     outside = _outside(spec, name, {im.line: im.settings for im in images if im.settings is not None})
     ingested = IngestedFile(name, text.sha256, len(images), rankings=rankings)
-    return ingested, outside, (), outside_messages(outside), None
+    return ingested, outside, (), _remarks(outside), None
 
 
 def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) -> tuple[int, ...]:
@@ -239,21 +239,16 @@ def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], out
     return IngestedRun(first.run_id, first.settings, first.source, block, cost, tuple(scores))
 
 
-def file_messages(file: ScoresFile, outside: Sequence[int]) -> list[str]:
-    """Remarks on a file of scores by itself."""
-    messages = outside_messages(outside)
-    if file.unscored:
-        count = "1 row has" if len(file.unscored) == 1 else f"{len(file.unscored)} rows have"
-        lines = "line" if len(file.unscored) == 1 else "lines"
-        messages.append(f"{count} no score yet and may be ingested later ({lines} {_few(file.unscored)}).")
-    return messages
-
-
-def outside_messages(outside: Sequence[int]) -> list[str]:
-    """Settings outside the region."""
-    if not outside:
-        return []
-    return [f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}."]
+def _remarks(outside: Sequence[int], unscored: Sequence[int] = ()) -> list[str]:
+    """Lines with settings outside the region, and lines without a score."""
+    found = []
+    if outside:
+        found.append(f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}.")
+    if unscored:
+        lines = f"{'line' if len(unscored) == 1 else 'lines'} {_few(unscored)}"
+        rows = counted(len(unscored), "row has", "rows have")
+        found.append(f"{rows} no score yet and may be ingested later ({lines}).")
+    return found
 
 
 def outcome_messages(outcome: IngestOutcome) -> list[str]:

@@ -574,7 +574,9 @@ def test_a_day_in_another_notation_makes_no_repeat(make, day):
     folder.ingest(f"{HEADER},date\n2,12,HH,70,2026-02-03\n3,12,HH,71,2026-02-03\n")
     again = f"{HEADER},date\n2,12,HH,70,{day}\n3,12,HH,72,{day}\n"
     told = folder.ingest(again, name="again.csv", code=2)
-    assert "again.csv:2: score: run 1 has this score, and the rest is the same but for notation (got 70.0)" in told
+    assert (
+        "again.csv:2: score: run 1 has this score, and the rest is the same but for notation or se (got 70.0)" in told
+    )
     assert "again.csv:3: score: run 2 has score 71 and the rest is the same" in told
     assert "2 new runs" in folder.ingest(again.replace("2026", "2027").replace(".26", ".27"), name="next.csv")
 
