@@ -27,6 +27,7 @@ from seqrsm.design.factors import CategoricalFactor, central_range
 from seqrsm.design.region import Region
 from seqrsm.fit.intervals import known
 from seqrsm.fit.optimum import Goal, sign_of
+from seqrsm.propose.cloud import climb
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ConsiderationSpec
@@ -39,7 +40,7 @@ DRAWS = 200
 
 _COVER = 3000
 _FRONT = 400  # points of the Pareto front that are kept, spread evenly
-_CLIMB = ((0.3, 200), (0.15, 200), (0.07, 200), (0.03, 200), (0.01, 200), (0.003, 200))
+_RADII = (0.3, 0.15, 0.07, 0.03, 0.01, 0.003)
 _LEAST = 1e-6  # of a desirability: a geometric mean of zeros would rank nothing
 
 
@@ -278,7 +279,8 @@ def compromise(
     for i, objective in enumerate(objectives):
         own = objective.optimum
         if own is None:
-            own = _climb(region, cover, sign_of(objective.goal) * means[:, i], partial(_signed, objective), rng)
+            heights = sign_of(objective.goal) * means[:, i]
+            own = climb(partial(_signed, objective), region, cover, rng, heights, _RADII)[0]
         own_points.append(own)
         limits.append(_limits(objective, means[:, i], float(objective.mean(own_points[-1][None, :])[0])))
     weights = np.array([objective.weight for objective in objectives])
@@ -295,7 +297,7 @@ def compromise(
     def at(points: FloatArray) -> FloatArray:
         return np.column_stack([objective.mean(points) for objective in objectives])
 
-    point = _climb(region, cover, merit(means), lambda points: merit(at(points)), rng)
+    point = climb(lambda points: merit(at(points)), region, cover, rng, merit(means), _RADII)[0]
     draw_points, shortfall, losses_of_draws = _draws(objectives, cover, point, merit)
     tail = [0.5 * (1.0 - level), 1.0 - 0.5 * (1.0 - level)]
     credible = {}
@@ -360,25 +362,6 @@ def _limits(objective: Objective, values: FloatArray, best: float) -> tuple[floa
         worst if objective.unacceptable is None else objective.unacceptable,
         best if objective.ideal is None else objective.ideal,
     )
-
-
-def _climb(
-    region: Region, cover: FloatArray, values: FloatArray, merit: Surface, rng: np.random.Generator
-) -> FloatArray:
-    """Best of the cover, improved by random steps that shrink, in the continuous factors."""
-    best, reached = cover[int(np.argmax(values))], float(values.max())
-    free = list(region.continuous)
-    if not free:
-        return np.array(best)
-    for radius, count in _CLIMB:
-        near = np.repeat(best[None, :], count, axis=0)
-        near[:, free] = np.clip(near[:, free] + radius * rng.standard_normal((count, len(free))), -1.0, 1.0)
-        near = near[region.feasible(near, tol=0.0)]
-        if len(near):
-            found = merit(near)
-            if float(found.max()) > reached:
-                best, reached = near[int(np.argmax(found))], float(found.max())
-    return np.array(best)
 
 
 def _draws(

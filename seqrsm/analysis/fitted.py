@@ -24,7 +24,7 @@ from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
-from seqrsm.fit.estimability import missing_runs
+from seqrsm.fit.estimability import SETTINGS_KNOWN, missing_runs
 from seqrsm.fit.least_squares import AliasedError, LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.plain import counted
 from seqrsm.spec.read import CampaignSpec
@@ -145,6 +145,7 @@ def fit_surface(
             setting_ids=setting_ids(data.points),
             block_ids=labels,
             inflation=spec.errors.inflation,
+            tolerance=SETTINGS_KNOWN,
         )
     except AliasedError as error:
         remedy = _remedy(region, model, data, "Add runs", n_aliased=error.n_dependent)

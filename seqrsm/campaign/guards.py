@@ -1,11 +1,13 @@
 """Rows that were read without an error and are hardly what was meant: told before anything is taken in.
 
 A frequency in MHz under a header without unit, -9999 for no value, a percentage as a fraction, a decimal point that
-slipped, a row that stands twice, a column whose name is nearly one that has a meaning.
+slipped, a row that stands twice, a day in another notation, the score of a void run, a column whose name is nearly one
+that has a meaning.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -33,12 +35,16 @@ _SPREADS = 10.0
 _LEAST_SPREAD = 0.02
 """Of the median: scores that hardly differ are no measure of what is far."""
 
+_DAY = re.compile(r"(\d{1,4})([-/.])(\d{1,2})\2(\d{2,4})(?:[T ][0:.]+)?")
+"""A day as spreadsheets write it: 2026-02-03, 03.02.2026, 2/3/26."""
+
 _Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
 """Row, column, value, what is wrong with it, and what may have been meant."""
 
 
 def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> list[Problem]:
-    """What looks wrong in a file of scores beside the scored runs of earlier ones, alike rows together."""
+    """What looks wrong in a file of scores beside the runs of earlier ones, alike rows together."""
+    scored = [run for run in runs if run.state == "scored"]
     problems = [
         Problem(
             f"the column is kept as your own, but its name resembles '{meant}'"
@@ -54,10 +60,11 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
     groups: dict[tuple[str, str, str], list[tuple[MeasuredScore, object]]] = {}
     for row, column, value, message, hint in (
         *_settings(spec, file),
-        *_scores(spec, file, runs),
-        *_blocks(spec, file, list(dict.fromkeys(run.block for run in runs))),
+        *_scores(spec, file, scored),
+        *_blocks(spec, file, runs),
         *_twice(file),
-        *_corrections(spec, file, runs),
+        *_corrections(spec, file, scored),
+        *_void(file, runs),
     ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
@@ -159,7 +166,8 @@ def _scores(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
         rows = [row for row in file.scores if row.application == application.name]
         new = [row.score for row in rows]
         values = np.array([*new, *known])
-        fractions = application.is_percent and application.goal == "maximize" and 0.0 < max(values, default=0.0) <= 1.0
+        percent = application.score_unit in ("percent", "%") and application.goal == "maximize"
+        fractions = percent and min(values, default=0.0) >= 0.0 and 0.0 < max(values, default=0.0) <= 1.0
         far = _far(values) & (not application.is_percent)  # a percentage has bounds, and near them scores crowd
         for row, is_far in zip(rows, far, strict=False):
             alone, found = len(values) < _LEAST_SCORES, None
@@ -209,22 +217,30 @@ def block_of(spec: CampaignSpec, score: MeasuredScore) -> str:
     return score.metadata.get(column, "")
 
 
-def _blocks(spec: CampaignSpec, file: ScoresFile, earlier: Sequence[str]) -> _Found:
-    """Blocks that differ from an earlier one by case or blanks alone: each would be a day of its own."""
-    if spec.model.block is None:
-        return
-    first = {"".join(block.casefold().split()): block for block in reversed(earlier)}
-    for row in file.scores:
+def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
+    """Blocks that differ from an earlier one by notation alone: each would be a day of its own; flights without one."""
+    column, blocks = spec.model.block or "", {run.run_id: run.block for run in runs}
+    known = [block for block in dict.fromkeys(blocks.values()) if block]
+    for row in file.scores if column else ():
         block = block_of(spec, row)
-        other = first.setdefault("".join(block.casefold().split()), block)
-        if other != block:
-            yield (
-                row,
-                spec.model.block,
-                block,
-                f"the block '{other}' differs by case or blanks alone",
-                f"Write {other}.",
-            )
+        other = block if block in known else next((one for one in known if _alike(one, block)), "")
+        if not block and row.source != "simulation" and not blocks.get(row.run_id or 0):
+            yield row, column, None, "no block", "Fill it in: of merged cells only the first row has the content."
+        elif block and not other:
+            known.append(block)
+        elif other != block:
+            message = f"the block '{other}' differs by case, blanks or notation alone"
+            yield row, column, block, message, f"Write {other}."
+
+
+def _alike(one: str, other: str) -> bool:
+    """Whether texts differ at most in case, blanks, or the notation of a day; of 3.2. and 2.3. neither is the other."""
+    days = [_DAY.fullmatch(text.strip()) for text in (one, other)]
+    if not (days[0] and days[1]):
+        return "".join(one.casefold().split()) == "".join(other.casefold().split())
+    numbers = [[int(day[k]) % 2000 for k in (1, 3, 4)] for day in days if day]
+    same = days[0][2] == days[1][2] and (len(days[0][1]) == 4) == (len(days[1][1]) == 4)
+    return numbers[0] == numbers[1] if same else sorted(numbers[0]) == sorted(numbers[1])
 
 
 def _twice(file: ScoresFile) -> _Found:
@@ -238,17 +254,33 @@ def _twice(file: ScoresFile) -> _Found:
 
 
 def _corrections(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
-    """Rows of an earlier date or block that differ from a run there in the score alone: a correction counts once."""
+    """Rows of an earlier date or block that differ from a run there in the score, or in notation, alone."""
     for row in file.scores:
         block = block_of(spec, row)
         told = {**row.metadata, **{key: text for key in ("date", "note") if (text := getattr(row, key))}}
         for run in runs if row.run_id is None else ():
             old = run.score_of(row.application)
-            if old is None or not old.source_file or old.score == row.score or run.settings != row.settings:
+            if old is None or not old.source_file or run.settings != row.settings or not _alike(run.block, block):
                 continue
-            shared = {name: text for name, text in told.items() if name in old.metadata}
-            if run.block == block and (block or "date" in shared) and shared.items() <= old.metadata.items():
+            shared = [(text, old.metadata[name]) for name, text in told.items() if name in old.metadata]
+            dated = block or ("date" in told and "date" in old.metadata)
+            if dated and all(text == other or _alike(text, str(other)) for text, other in shared):
                 found = f"run {run.run_id} has score {old.score:g} and the rest is the same"
                 hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
+                if old.score == row.score:
+                    found = f"run {run.run_id} has this score, and the rest is the same but for notation or se"
+                    hint = "Remove the row, or write it as before"
                 yield row, "score", row.score, found, f"{hint}. A true repeat must differ in a column such as note."
                 break
+
+
+def _void(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
+    """Scores of void runs that no other run has replaced: a form that comes again still has them."""
+    replaced = {run.replaces for run in runs}
+    void = {run.run_id: run for run in runs if run.state == "void" and run.run_id not in replaced}
+    for row in file.scores:
+        run = void.get(row.run_id or 0)
+        old = run.score_of(row.application) if run is not None else None
+        if run is not None and old is not None and old.score == row.score:
+            found = f"run {run.run_id} is void ({run.reason}) and had this score"
+            yield row, "score", row.score, found, "Leave the cell empty, or use --accept to make it count again."

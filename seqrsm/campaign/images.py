@@ -130,7 +130,7 @@ class Simulated:
         shown = settings_text(spec.factors, task.settings)
         if label := made[self.number - 1].label:
             shown += f"; image {self.number} of {len(made)}: {label}"
-        found = (f"{name} {value:.2f} {spec.application(name).score_unit}".rstrip() for name, value in scores.items())
+        found = (f"{name} {value:.4g} {spec.application(name).score_unit}".rstrip() for name, value in scores.items())
         return {
             "settings": dict(task.settings),
             "shape": list(shape),

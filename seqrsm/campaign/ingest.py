@@ -106,13 +106,14 @@ def ingest_files(
 
 def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
     """ScoresFileError where rows look wrong that the store does not have already."""
-    runs, files, stored = store.runs("scored"), [one[-1] for one in read], store.rankings()
+    runs, files, stored = store.runs(), [one[-1] for one in read], store.rankings()
     problems = [problem for ingested, *_ in read for problem in ranking_suspects(ingested, stored)]
     if not any(one is None or suspects(spec, one, runs) for one in files):
         return
     outcomes = store.ingest_files([one[0] for one in read], dry_run=True)
     for summary in {one.application: one for outcome in outcomes for one in outcome.ranked}.values():
-        lost = [r.run_id for r in runs if r.run_id in summary.apart and r.score_of(summary.application) is not None]
+        ranked = (run for run in runs if run.state == "scored" and run.score_of(summary.application) is not None)
+        lost = [run.run_id for run in ranked if run.run_id in summary.apart]
         if lost:
             what = (
                 f"{'run' if len(lost) == 1 else 'runs'} {_few(lost)} would lose their scores of '{summary.application}'"
@@ -156,7 +157,7 @@ def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    return ingested, outside, file.unscored, file_messages(spec, file, runs, outside), file
+    return ingested, outside, file.unscored, _remarks(outside, file.unscored), file
 
 
 def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
@@ -173,7 +174,7 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     images = [image for ranking in rankings for image in ranking.images]
     outside = _outside(spec, name, {im.line: im.settings for im in images if im.settings is not None})
     ingested = IngestedFile(name, text.sha256, len(images), rankings=rankings)
-    return ingested, outside, (), outside_messages(outside), None
+    return ingested, outside, (), _remarks(outside), None
 
 
 def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) -> tuple[int, ...]:
@@ -238,25 +239,16 @@ def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], out
     return IngestedRun(first.run_id, first.settings, first.source, block, cost, tuple(scores))
 
 
-def file_messages(
-    spec: CampaignSpec, file: ScoresFile, runs: Sequence[IngestedRun], outside: Sequence[int]
-) -> list[str]:
-    """Remarks on a file of scores by itself."""
-    messages = outside_messages(outside)
-    if file.unscored:
-        count = "1 row has" if len(file.unscored) == 1 else f"{len(file.unscored)} rows have"
-        lines = "line" if len(file.unscored) == 1 else "lines"
-        messages.append(f"{count} no score yet and may be ingested later ({lines} {_few(file.unscored)}).")
-    if spec.model.block is not None and any(not run.block for run in runs):
-        messages.append(f"Some rows are empty in the block column '{spec.model.block}'.")
-    return messages
-
-
-def outside_messages(outside: Sequence[int]) -> list[str]:
-    """Settings outside the region."""
-    if not outside:
-        return []
-    return [f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}."]
+def _remarks(outside: Sequence[int], unscored: Sequence[int] = ()) -> list[str]:
+    """Lines with settings outside the region, and lines without a score."""
+    found = []
+    if outside:
+        found.append(f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}.")
+    if unscored:
+        lines = f"{'line' if len(unscored) == 1 else 'lines'} {_few(unscored)}"
+        rows = counted(len(unscored), "row has", "rows have")
+        found.append(f"{rows} no score yet and may be ingested later ({lines}).")
+    return found
 
 
 def outcome_messages(outcome: IngestOutcome) -> list[str]:
@@ -265,6 +257,8 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         name, at = outcome.already.name, outcome.already.ingested_at
         return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
+    for old, new in outcome.replaced:
+        messages.append(f"Run {new} takes the place of run {old}, which is void.")
     if outcome.moved:
         count = f"{counted(len(outcome.moved), 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
         messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")
@@ -276,7 +270,7 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         )
     for row in outcome.equal:
         if row.state == "void":
-            remedy = f"with run_id {row.run_id} it is taken in again"
+            remedy = f"with run_id {row.run_id} and --accept it is taken in again"
             messages.append(f"Line {row.line} equals run {row.run_id}, which is void, and stays out; {remedy}.")
     for summary in outcome.ranked:
         messages += ranking_messages(summary)

@@ -393,7 +393,20 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     first = carry_out(centre)
     if first.failure:
         raise SpecError(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
-    return (*combinations, *lone)
+    return (*combinations, *lone, *_idle_rows(spec, scene))
+
+
+def _idle_rows(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
+    """What of the user's table has no effect: covers that the scene has not, perhaps by a slip."""
+    if spec.simulator is None or not spec.simulator.table:
+        return ()
+    table, shipped = (
+        ENGINES[spec.simulator.engine].table(path).curves for path in (str(spec.folder / spec.simulator.table), "")
+    )
+    own = (key if isinstance(key, str) else key[0] for key, curve in table.items() if curve is not shipped.get(key))
+    idle = [name for name in dict.fromkeys(own) if name not in scene.categories]
+    text = f"rows of {spec.simulator.table} for {', '.join(idle)} have no effect: the scene has "
+    return (text + ", ".join(scene.categories),) if idle else ()
 
 
 def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:

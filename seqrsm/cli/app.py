@@ -327,18 +327,19 @@ def ingest(
 @guarded
 def void(
     folder: Folder,
-    run_id: Annotated[int | None, typer.Argument(metavar="[RUN_ID]")] = None,
+    runs: Annotated[list[int] | None, typer.Argument(metavar="[RUN_ID...]")] = None,
     why: Annotated[str, typer.Option(metavar="TEXT", help="The reason, kept in the history.")] = "",
     ranking: Annotated[
         int | None, typer.Option(metavar="N", help="Void an interpreter's ranking, by number, instead of a run.")
     ] = None,
 ) -> None:
-    """Exclude a run or a ranking from the fit. Nothing is ever deleted."""
-    if (run_id is None) == (ranking is None):
-        raise UserError("void excludes one run or one ranking", "Give RUN_ID, or --ranking N.")
-    if run_id is not None:
-        _opened(folder).opened.store.void(run_id, why)
-        say(f"run {run_id} is void: {why}")
+    """Exclude runs or a ranking from the fit. Nothing is ever deleted."""
+    if bool(runs) == (ranking is not None):
+        raise UserError("void excludes runs or one ranking", "Give RUN_ID, or --ranking N.")
+    if runs:
+        _opened(folder).opened.store.void(runs, why)
+        for run_id in dict.fromkeys(runs):
+            say(f"run {run_id} is void: {why}")
     elif ranking is not None:
         _opened(folder).opened.store.void_ranking(ranking, why)
         say(f"ranking {ranking} is void: {why}")

@@ -226,11 +226,13 @@ class Campaign:
 
     # -- the loop -------------------------------------------------------------------------------------------------
 
-    def void(self, run_id: int, why: str) -> None:
-        """Exclude a run from the fit for a reason; nothing is ever deleted."""
-        _see_whole(1, run_id=run_id)
+    def void(self, run_ids: int | Iterable[int], why: str) -> None:
+        """Exclude a run, or several, from the fit for a reason; nothing is ever deleted."""
+        runs = tuple(run_ids) if isinstance(run_ids, Iterable) else (run_ids,)
+        for run_id in runs:
+            _see_whole(1, run_ids=run_id)
         _see(str, why=why)
-        self.opened.store.void(int(run_id), why)
+        self.opened.store.void([int(run_id) for run_id in runs], why)
 
     @_one_thread
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:

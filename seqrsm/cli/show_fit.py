@@ -142,10 +142,12 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     rows = [[readable(f.name), with_unit(told[f.name], f.unit)] for f in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
     line(f"mean score {with_unit(known_text(best['mean']), unit)}")
-    for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
+    replicates = best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)
+    one_ground = best.get("ground") is not None and spec.stop.worlds == "count" and result["interval"] == "confidence"
+    for kind, words in interval_names(replicates, one_ground).items():
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
-            width = with_unit(known_text(best[kind]["half_width"], 3 if watched else 2), unit)
+            width = with_unit(known_text((look if watched else best[kind])["half_width"], 3 if watched else 2), unit)
             target = target_texts(spec)[application["name"]]
             line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
     heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")

@@ -28,12 +28,12 @@ _RUNS_PER_TERM = 3.0  # of the guard "runs"
 _MOST_FLIGHTS = 1000
 
 
-def interval_names(replicates: int) -> dict[str, str]:
-    """Return the three intervals at the optimum, in words."""
+def interval_names(replicates: int, one_ground: bool = False) -> dict[str, str]:
+    """Return the three intervals at the optimum, in words; ``one_ground``: that of the mean has table uncertainty."""
     return {
         "prediction": "prediction interval of one future run",
         "prediction_mean": f"prediction interval of the mean of {replicates} future runs",
-        "confidence": "confidence interval of the mean",
+        "confidence": f"confidence interval of the mean{' over one ground' * one_ground}",
     }
 
 
@@ -78,7 +78,7 @@ class StopRule:
     @property
     def interval_name(self) -> str:
         """The interval in words."""
-        return interval_names(self.replicates)[self.interval]
+        return interval_names(self.replicates, self.counts_ground and self.ground_share > 0.0)[self.interval]
 
     def replicates_of(self, interval: IntervalKind | None = None) -> float:
         """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
@@ -331,7 +331,7 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
     ):
         need = "more than a million" if ahead.runs_needed is None else f"about {ahead.runs_needed}"
         found.append(
-            f"The budget of {rule.max_runs} runs is unlikely to reach the target: {need} runs are needed; "
+            f"The budget of {rule.max_runs} runs is too small for the target: {need} runs are needed; "
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.

@@ -23,8 +23,8 @@ MAX_NODES = 100
 MAX_EXPONENT = 10.0
 ALLOWED = (
     "Allowed are names of factors, numbers, + - * / **, < <= > >= (also chained), and, or, log log10 sqrt exp min max "
-    'abs, and for a categorical factor == != in with its levels, as in: polarization in ("HH", "VV"); count(frequency) '
-    "is the number of parts of its level, 2 at L+C."
+    'abs, and for a categorical factor == != in with its levels, as in: polarization in ("HH", "VV"), which in '
+    "arithmetic is 1 or 0; count(frequency) is the number of parts of its level, 2 at L+C."
 )
 
 Node: TypeAlias = tuple[Any, ...]
@@ -125,6 +125,8 @@ class _Parser:
             return ("**", self.number(node.left), self.exponent(node.right))
         if isinstance(node, ast.Call):
             return self.call(node)
+        if isinstance(node, ast.Compare) and (inner := self.condition(node))[0] == "in":
+            return inner
         raise self.fail(f"'{type(node).__name__}' is not allowed", node)
 
     def call(self, node: ast.Call) -> Node:
@@ -218,6 +220,10 @@ def _evaluate(node: Node, settings: Mapping[str, Any]) -> Sized:
     if kind == "count":
         parts = np.asarray(np.char.count(np.asarray(settings[node[1]], dtype=np.str_), "+") + 1, dtype=np.float64)
         return parts, parts
+    if kind == "in":
+        _, name, labels, wanted = node
+        holds = np.asarray(np.isin(np.asarray(settings[name]), sorted(labels)) == wanted, dtype=np.float64)
+        return holds, holds
     if kind == "**":
         (value, size), exponent = _evaluate(node[1], settings), node[2]
         result = np.power(value, exponent)
@@ -245,9 +251,7 @@ def _slack(node: Node, settings: Mapping[str, Any], n: int) -> FloatArray:
         combined: FloatArray = np.minimum.reduce(slacks) if kind == "and" else np.maximum.reduce(slacks)
         return combined
     if kind == "in":
-        _, name, labels, wanted = node
-        inside = np.isin(np.asarray(settings[name]), sorted(labels))
-        return np.broadcast_to(np.where(inside == wanted, 1.0, -1.0), (n,))
+        return np.broadcast_to(2.0 * _evaluate(node, settings)[0] - 1.0, (n,))
     low, size_low = _evaluate(node[1], settings)
     high, size_high = _evaluate(node[2], settings)
     difference, size = high - low, size_low + size_high

@@ -31,7 +31,8 @@ _MAX_DRAWN = 1_000_000
 _MOST_CELLS = 20_000  # counted, of a region without continuous factors
 
 
-def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constraint, ...]) -> list[Problem]:
+def declaration_problems(factors: Sequence[Factor], constraints: Sequence[Constraint]) -> list[Problem]:
+    """What keeps factors, and conditions on them, from being those of a region."""
     problems = []
     if not factors:
         problems.append(Problem("a region needs at least one factor", "Declare a factor."))
@@ -91,7 +92,7 @@ class Region(OfFactors):
     anchors: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        problems = _declaration_problems(self.factors, self.constraints)
+        problems = declaration_problems(self.factors, self.constraints)
         if problems:
             raise RegionError(*problems)
         anchors = np.empty((0, self.k)) if self.is_box else search.feasible_anchors(self.axes, self.slacks)
@@ -252,6 +253,16 @@ class Region(OfFactors):
         step = np.asarray(radius) * rng.standard_normal((len(points), len(free)))
         moved[:, free] = np.clip(np.round(points[:, free] + step, 3), -1.0, 1.0)
         return moved
+
+    def at_other_levels(self, points: FloatArray) -> FloatArray:
+        """Points (n, k) with one discrete or categorical factor moved, to each of its levels; constraints apart."""
+        found = [points[:0]]
+        for j, factor in enumerate(self.factors):
+            for level in () if isinstance(factor, ContinuousFactor) else factor.coded_levels:
+                moved = points.copy()
+                moved[:, j] = level
+                found.append(moved)
+        return np.vstack(found)
 
     def candidates(self, n_continuous_levels: int = 5, limit: int = 20_000) -> FloatArray:
         """Feasible points that cover the region, shape (m, k), without repeats: a grid, or an even sequence.

@@ -8,6 +8,8 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
+SETTINGS_KNOWN = 5e-5
+"""Root-mean-square error of coded settings, which are issued and told to four digits: rounding separates no terms."""
 _TOLERANCE = 1e-9
 _CANDIDATES = 5000  # settings to choose from
 
@@ -46,7 +48,7 @@ def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> t
 
 def _null_space(Z: FloatArray) -> FloatArray:
     _, values, rows = np.linalg.svd(Z, full_matrices=True)
-    rank = int(np.count_nonzero(values > max(Z.shape) * np.finfo(np.float64).eps * values[0]))
+    rank = int(np.count_nonzero(values > SETTINGS_KNOWN * np.sqrt(len(Z))))
     return np.asarray(rows[rank:].T)
 
 

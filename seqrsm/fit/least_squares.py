@@ -44,7 +44,7 @@ _LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of th
 
 
 def _run_diagnostics(
-    r: FloatArray, leverage: FloatArray, df: int, rank: int
+    r: FloatArray, leverage: FloatArray, df: int, rank: int, tolerance: float
 ) -> tuple[FloatArray, FloatArray, float, tuple[int, ...]]:
     """Studentised residuals, Cook's distances, PRESS and the runs of leverage 1, see `LeastSquaresFit`; nan: undefined.
 
@@ -52,7 +52,7 @@ def _run_diagnostics(
     freedom and ``rank`` fitted parameters.
     """
     free = 1.0 - leverage
-    fixed = free < _LEVERAGE_ONE
+    fixed = free < max(_LEVERAGE_ONE, tolerance**2)
     free = np.where(fixed, np.nan, free)
     sse = float(r @ r)
     deleted = np.square(r) / free
@@ -310,6 +310,7 @@ def fit_least_squares(
     setting_ids: Sequence[object] | IntArray | None = None,
     block_ids: Sequence[object] | IntArray | None = None,
     inflation: float = 1.0,
+    tolerance: float = 0.0,
 ) -> LeastSquaresFit:
     """Fit ``y = Z b + e``, Var e_i = sigma^2 / weight_i, by refined orthogonal factorisation.
 
@@ -329,13 +330,15 @@ def fit_least_squares(
         Pure error is taken within blocks; by default those that the block columns tell apart.
     inflation : float
         See `LeastSquaresFit`.
+    tolerance : float
+        Root-mean-square error of the elements of ``Z``: a combination of columns that is no larger is zero.
 
     Raises
     ------
     FitError
         Fewer runs than terms, or a score, weight or setting that is not a finite number; all such runs are named.
     AliasedError
-        Terms that take part in an exact linear dependence.
+        Terms that take part in a linear dependence.
     """
     Z = np.ascontiguousarray(Z, dtype=np.float64)
     y = np.ascontiguousarray(y, dtype=np.float64)
@@ -351,9 +354,11 @@ def fit_least_squares(
         block_ids = [tuple(row) for row in Z[:, np.array(kinds) == "block"].tolist()]
     root = np.sqrt(w)
     factors = linear_system.factorise(Z * root[:, None])
-    if factors.rank < p:
-        involved = np.any(np.abs(factors.null) > _DUST, axis=1)
-        raise AliasedError([*compress(names, involved)], p - factors.rank)
+    _, sizes, rows = np.linalg.svd(Z, full_matrices=False)
+    null = factors.null if factors.rank < p else rows[sizes <= tolerance * np.sqrt(n)].T
+    if null.size:
+        involved = np.any(np.abs(null) > max(_DUST, 10.0 * tolerance), axis=1)
+        raise AliasedError([*compress(names, involved)], null.shape[1])
     estimate, r = linear_system.solve(factors, y * root)
     # Residuals below the rounding of the scores as stored carry no information: the fit is exact.
     if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == p:
@@ -368,7 +373,7 @@ def fit_least_squares(
     shifted = y - y[0]  # no digits are lost to a large mean
     centred = shifted - np.sum(w * shifted) / np.sum(w) if intercept else y
     sst = float(np.sum(w * np.square(centred)))
-    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, n - p, p)
+    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, n - p, p, tolerance)
     r2 = 1.0 - _over(sse, sst)
     return LeastSquaresFit(
         names=names,

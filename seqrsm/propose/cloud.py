@@ -36,16 +36,23 @@ def climb(
     of_starts: FloatArray | None = None,
     radii: Sequence[float] = RADII,
 ) -> FloatArray:
-    """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps.
+    """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps and by changes of level.
 
     ``of_starts`` are the means there, where they are known already.
     """
     pool, values = starts, mean(starts) if of_starts is None else of_starts
-    for radius in radii if region.continuous else ():
+    for radius in radii:
         best = np.argsort(-values, kind="stable")[:8]
         near = region.jitter(np.repeat(pool[best], 24, axis=0), radius, rng)
         near = near[region.feasible(near, tol=0.0)]
         pool, values = np.vstack([pool[best], near]), np.append(values[best], mean(near))
+        near, found = pool[:0], values[:0]
+        while True:
+            pool, values = np.vstack([pool, near]), np.append(values, found)
+            near = region.at_other_levels(pool[[np.argmax(values)]])
+            near = near[region.feasible(near, tol=0.0)]
+            if not len(near) or not np.max(found := mean(near)) > np.max(values):
+                break
     return pool[np.argsort(-values, kind="stable")]
 
 

@@ -372,9 +372,9 @@ def level_phrase(analysis: Analysis) -> str:
     return level_text(analysis.optimum.level)
 
 
-def watched_interval(stop: StopSpec) -> str:
-    """Return the interval that the stop rule uses, in words."""
-    return interval_names(stop.replicates)[stop.interval]
+def watched_interval(stop: StopSpec, one_ground: bool = False) -> str:
+    """Return the interval that the stop rule uses, in words, see `interval_names`."""
+    return interval_names(stop.replicates, one_ground)[stop.interval]
 
 
 def parts_of_width(analysis: Analysis) -> str:
@@ -400,8 +400,9 @@ def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
     whole, chance, ground = (half_width_text(analysis, width) for width in widths)
     left = " The target applies to sampling error only." if stop.worlds == "ignore" else ""
     return (
-        f"The {watched_interval(stop)}, \u00b1\u00a0{whole}, combines \u00b1\u00a0{chance} of sampling error with "
-        f"\u00b1\u00a0{ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated "
+        f"The {watched_interval(stop, one_ground=True)}, \u00b1\u00a0{whole}, combines "
+        f"\u00b1\u00a0{chance} of sampling error with \u00b1\u00a0{ground} of table uncertainty: how far "
+        "the ground may depart from the tabulated means (estimated "
         f"from {best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
         f"table uncertainty; simulations do not.{left}"
     )

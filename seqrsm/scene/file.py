@@ -132,9 +132,8 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
     if not {"elevation_m", "elevation_cm"} & set(members):
         missing.append("elevation_m")
     if missing:
-        raise SceneError(
-            f"no scene of seqrsm: without {', '.join(missing)}", "Make one: seqrsm scene import", file=file
-        )
+        remedy = "`seqrsm scene import` makes a scene of rasters, seqrsm.scene.file.save_scene of arrays"
+        raise SceneError(f"this is no scene: it has no {', '.join(missing)}", remedy, file=file)
     try:
         if int(members["schema"]) != SCHEMA:
             message = f"written for schema {int(members['schema'])}, this version reads {SCHEMA}"

@@ -306,7 +306,7 @@ def _measured_integral(path: str) -> FloatArray:
     wrong = header != ["angle_beamwidths", "gain"] or table.ndim != 2 or len(table) < 5
     wrong = wrong or not np.isfinite(table).all() or bool(np.abs(table[:, 0]).max() > _MOST_BEAMWIDTHS)
     if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].any():
-        text = "a pattern has columns angle_beamwidths (rising) and gain (>= 0), at least 5 rows"
+        text = "a pattern has columns angle_beamwidths (rising) and gain (a power ratio, not dB; >= 0), at least 5 rows"
         raise ConfigurationError(text, file=Path(path).name, field="beam_file")
     n = math.ceil(float(np.abs(table[:, 0]).max()) * BEAM_STEPS_A_WIDTH)
     u = np.arange(-n, n + 1) / BEAM_STEPS_A_WIDTH

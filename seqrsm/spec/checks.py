@@ -10,7 +10,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from seqrsm.design.constraints import Constraint, arithmetic
 from seqrsm.design.factors import CategoricalFactor, Factor, span
-from seqrsm.design.region import Region
+from seqrsm.design.region import Region, declaration_problems
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.spec.faults import Reporter
@@ -132,23 +132,14 @@ def targets(applications: Tables[ApplicationSpec], report: Reporter) -> None:
 
 
 def expressions(tables: Tables[ConsiderationSpec], factors: Sequence[Factor], report: Reporter) -> None:
-    """Expressions of considerations: arithmetic in numeric factors, and in the parts of levels."""
-    numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]
-    categorical = [factor.name for factor in factors if isinstance(factor, CategoricalFactor)]
+    """Expressions of considerations: arithmetic in the factors."""
     for index, table in tables:
-        text, path = table.expr, ("consideration", index, "expr")
         try:
-            found = arithmetic(text)
+            problems = declaration_problems(factors, [arithmetic(table.expr)])
         except RegionError as error:
-            for problem in error.problems:
-                report.add(path, problem.message, problem.remedy, text)
-            continue
-        for name in sorted(found.numeric_names - set(numeric)):
-            report.add(
-                path, f"'{name}' is not a numeric factor", f"Numeric factors: {', '.join(numeric) or 'none'}.", text
-            )
-        for name in sorted({name for name, _ in found.labels} - set(categorical)):
-            report.add(path, f"'{name}' is not a factor with levels", "count takes a factor with levels.", text)
+            problems = list(error.problems)
+        for problem in problems:
+            report.add(("consideration", index, "expr"), problem.message, problem.remedy, problem.value or table.expr)
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:

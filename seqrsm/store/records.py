@@ -329,7 +329,7 @@ class IngestOutcome:
     replaced : tuple of (int, int)
         Void run and the new run in its place.
     unchanged : tuple of int
-        Runs that had exactly these scores already.
+        Runs, as the file names them, that had exactly these scores already, or whose replacement had.
     equal : tuple of EqualRow
         Rows without a run id that were recognised as scores of an earlier file.
     moved : tuple of int

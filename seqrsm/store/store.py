@@ -229,12 +229,14 @@ class Store:
             values = {"ended_at": utc_now(), "reason": reason, "fault": fault, "owner": ""}
             ledger.move([run_id], "failed", values, detail={"reason": reason, "fault": fault})
 
-    def void(self, run_id: int, why: str) -> None:
-        """Take a run out of the fit; its scores stay in the store."""
+    def void(self, run_ids: int | Sequence[int], why: str) -> None:
+        """Take runs out of the fit, all or none; their scores stay in the store."""
         _need_reason(why)
+        ids = (run_ids,) if isinstance(run_ids, int) else run_ids
         with self._write() as ledger:
-            ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
-            rescore_without(ledger, run_id)
+            ledger.move(ids, "void", {"reason": why}, detail={"reason": why})
+            for run_id in ids:
+                rescore_without(ledger, run_id)
 
     def release(self) -> tuple[int, ...]:
         """Issue again the runs that this process still holds; returns their ids."""

@@ -64,9 +64,13 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     fresh: list[tuple[IngestedRun, RunRecord | None]] = []
     first = ledger.next_id()
     ranked_already = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
+    query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
+    heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
     for run in file.runs:
         twin = known.take(run) if known is not None and run.run_id is None else None
         wanted = run.run_id if twin is None else twin.run_id
+        while twin is None and wanted in heirs:
+            wanted = heirs[wanted]
         found = () if wanted is None else ledger.runs(RUNS.c.id == wanted)
         old = found[0] if found else None
         _refuse_ranked(ranked_already, run, file.name, problems)
@@ -90,7 +94,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
             if dict(run.settings) != old.proposed:
                 moved.append(old.run_id)
         else:
-            unchanged.append(old.run_id)
+            unchanged.append(run.run_id or old.run_id)
     _create(ledger, fresh, batch)
     numbers, ranked_runs = add_rankings(ledger, file, problems)
     if len(problems) > before:

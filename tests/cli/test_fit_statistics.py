@@ -627,6 +627,21 @@ def test_differences_between_blocks_have_the_unit_of_the_scores(tmp_path: Path) 
     assert re.search(r"Standard deviation of a run [\d.]+ percent, of the blocks [\d.]+ percent \(restricted", text)
 
 
+def test_terms_that_only_rounding_separates_are_refused(tmp_path: Path) -> None:
+    """The centre 3.4641016 GHz is issued as 3.464: its products are no zeros, and tell nothing."""
+    factors = X + FREQUENCY.replace("low = 1.0", "low = 1.2").replace("16.0", "10.0")
+    places = [(0, 3.464), (10, 3.4641), (5, 3.464), (5, 3.464), (5, 1.2), (5, 10), (10, 3.464), (0, 3.464)]
+    rows = [{"x": x, "frequency": f, "score": 70 + i * i % 5} for i, (x, f) in enumerate(places)]
+    code, _, told = command("fit", make(tmp_path / "c", factors, rows))
+    assert code == 2
+    assert "the runs cannot separate these terms: x:frequency. Add runs; 1 at these settings" in told
+    # With one run at a corner the product rests on this run alone, whose leverage is 1 but for rounding, as of 5 and 6.
+    corner = {"x": 10, "frequency": 10, "score": 74}
+    found = fit(make(tmp_path / "d", factors, [*rows, corner]))
+    assert np.isnan(found["press"])
+    assert "The model must pass through runs 5, 6, 9 (leverage 1): their scores cannot be checked." in found["warnings"]
+
+
 def test_runs_of_leverage_one_are_told_in_the_plural_where_there_are_others(tmp_path: Path) -> None:
     def told(name: str, *places: float) -> str:
         rows = [{"x": x, "score": x * x + i % 2} for i, x in enumerate(places)]

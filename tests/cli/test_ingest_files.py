@@ -146,7 +146,7 @@ def test_columns_of_the_users_own_keep_their_unit(make):
 
 def test_dates_stay_as_written(make):
     folder = make('[model]\nblock = "date"')
-    folder.ingest(f"{HEADER},date\n1.5,12,HH,70,12.05.1979\n1.5,12,HH,71,05/12/1979\n1.5,12,HH,72,28987\n")
+    folder.ingest(f"{HEADER},date\n1.5,12,HH,70,12.05.1979\n1.5,12,HH,71,05/12/1979\n1.5,12,HH,72,28987\n", "--accept")
     assert [run["block"] for run in folder.runs()] == ["12.05.1979", "05/12/1979", "28987"]
 
 
@@ -495,7 +495,7 @@ def test_a_block_that_is_another_but_for_case_or_blanks_is_held_back(tmp_path):
     folder.call("ingest", folder.write(f"frequency,resolution,polarization,day,score\n{rows}"))
     again = folder.write("frequency,resolution,polarization,day,score\n4,10,HH,day1,63\n5,20,VV,Day 2,64\n", "more.csv")
     told = folder.call("ingest", again, code=2)
-    assert "more.csv:2: day: the block 'Day 1' differs by case or blanks alone (got 'day1'). Write Day 1." in told
+    assert "more.csv:2: day: the block 'Day 1' differs by case, blanks or notation alone (got 'day1')" in told
     assert "more.csv:3: day: the block 'day 2'" in told
     assert "2 new runs" in folder.call("ingest", again, "--accept")
 
@@ -548,3 +548,87 @@ def test_the_form_of_images_to_be_ranked_asks_for_no_score_of_them(tmp_path, mor
     assert ("score" in header) == bool(more)
     assert len(rows) == len(folder.runs())
     assert all(",yield," in row for row in rows) == bool(more)
+
+
+def form_rows(scores: dict[int, float], **other: str) -> str:
+    """The form of the issued runs, with the scores so far: crews hand in the whole form every week."""
+    rows = [f"run_id,{HEADER}{''.join(f',{name}' for name in other)}"]
+    for run_id, score in scores.items():
+        rows.append(f"{run_id},{1 + run_id},12,HH,{score}{''.join(f',{text}' for text in other.values())}")
+    return "\n".join(rows) + "\n"
+
+
+def test_a_form_that_comes_again_after_a_correction_adds_no_run(make):
+    """Run 4 took the place of run 2: from then on what the form says of run 2 is run 4's."""
+    folder = make()
+    folder.ingest(f"{HEADER}\n2,12,HH,70\n3,12,HH,71\n4,12,HH,72\n")
+    folder.call("void", 2, "--why", "corrected")
+    told = folder.ingest(form_rows({1: 70, 2: 75, 3: 72}), name="w2.csv")
+    assert "1 new run, 2 unchanged runs" in told
+    assert "Run 4 takes the place of run 2, which is void." in told
+    told = folder.ingest(form_rows({1: 70, 2: 75, 3: 72}, crew="A"), name="w3.csv")
+    assert "0 scores ingested: 3 unchanged runs" in told
+    assert [run["state"] for run in folder.runs()] == ["scored", "void", "scored", "scored"]
+    told = folder.ingest(form_rows({2: 76}), name="w4.csv", code=2)
+    assert "run 4 is scored already for 'crops' (75)" in told
+
+
+def test_a_second_application_of_a_flight_that_was_corrected(make):
+    folder = make('[[application]]\nname = "ice"\nutility = "measured"\nhalf_width = 1.0')
+    folder.ingest(f"{HEADER},application\n2,12,HH,70,crops\n3,12,HH,71,crops\n")
+    folder.call("void", 2, "--why", "corrected")
+    folder.ingest(form_rows({2: 75}, application="crops"), name="w2.csv")
+    folder.ingest(form_rows({1: 5, 2: 6}, application="ice"), name="ice.csv")
+    assert [len(run["scores"]) for run in folder.runs()] == [2, 1, 2]
+
+
+def test_the_score_of_a_void_run_comes_back_only_on_demand(make):
+    """The form of a day that was declared void still has its scores."""
+    folder = make()
+    folder.ingest(f"{HEADER}\n2,12,HH,70\n3,12,HH,71\n")
+    folder.call("void", 1, 2, "--why", "icing")
+    assert [run["state"] for run in folder.runs()] == ["void", "void"]
+    told = folder.ingest(form_rows({1: 70, 2: 72}), name="w2.csv", code=2)
+    assert "w2.csv:2: score: run 1 is void (icing) and had this score (got 70.0)" in told
+    assert "w2.csv:3" not in told
+    assert "2 new runs" in folder.ingest(form_rows({1: 70, 2: 72}), "--accept", name="w2.csv")
+
+
+@pytest.mark.parametrize("day", ["03.02.2026", "3.2.26", "2/3/2026", "2026-02-03 00:00:00"])
+def test_a_day_in_another_notation_makes_no_repeat(make, day):
+    """A spreadsheet that saves a file again writes its days as it likes."""
+    folder = make()
+    folder.ingest(f"{HEADER},date\n2,12,HH,70,2026-02-03\n3,12,HH,71,2026-02-03\n")
+    again = f"{HEADER},date\n2,12,HH,70,{day}\n3,12,HH,72,{day}\n"
+    told = folder.ingest(again, name="again.csv", code=2)
+    assert (
+        "again.csv:2: score: run 1 has this score, and the rest is the same but for notation or se (got 70.0)" in told
+    )
+    assert "again.csv:3: score: run 2 has score 71 and the rest is the same" in told
+    assert "2 new runs" in folder.ingest(again.replace("2026", "2027").replace(".26", ".27"), name="next.csv")
+
+
+@pytest.mark.parametrize(("day", "held"), [("2026-02-03", True), ("3.2.2026", True), ("02.03.2026", False)])
+def test_a_block_in_another_notation_is_held_back(make, day, held):
+    folder = make('[model]\nblock = "day"')
+    folder.ingest(f"{HEADER},day\n2,12,HH,70,03.02.2026\n")
+    told = folder.ingest(f"{HEADER},day\n3,12,HH,71,{day}\n", name="more.csv", code=2 * held)
+    assert ("more.csv:2: day: the block '03.02.2026' differs by case, blanks or notation alone" in told) == held
+
+
+def test_an_empty_block_among_others_is_held_back(make):
+    """Of merged cells only the first has the content."""
+    folder = make('[model]\nblock = "day"')
+    rows = f"{HEADER},day\n2,12,HH,70,Monday\n3,12,HH,71,\n4,12,HH,72,\n"
+    told = folder.ingest(rows, code=2)
+    assert "scores.csv:3: day: no block (so 1 more row: line 4)" in told
+    assert "3 new runs" in folder.ingest(rows, "--accept")
+
+
+@pytest.mark.parametrize("unit", ["percent", "%"])
+def test_fractions_are_no_percentages_of_a_measured_score_either(tmp_path, unit):
+    spec = SPEC.format(more=f'unit = "{unit}"').replace("percent_correct", "measured")
+    folder = Folder(tmp_path, spec)
+    told = folder.ingest(f"{HEADER}\n2,12,HH,0.7\n3,12,HH,0.8\n", code=2)
+    assert "scores.csv:2: score: no score is above 1 percent (so 1 more row: line 3)" in told
+    folder.ingest(f"{HEADER}\n2,12,HH,-3\n3,12,HH,170\n")

@@ -249,7 +249,7 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
             )
             for given in ({"factors": array}, {"half_width": {1: 2}}, {"constraints": None}, {"model": array})
         ),
-        *(lambda value=value: c.void(value, "why") for value in (array, None, "1", [1])),
+        *(lambda value=value: c.void(value, "why") for value in (np.array([0.5]), None, "1", [1, "x"])),
         *(lambda value=value: c.void(1, value) for value in (None, 1, ["why"])),
         *(lambda value=value: c.propose(value) for value in (array, np.array(["a"]), [1], table)),
         *(lambda value=value: c.propose(1, source=value) for value in (array, 1, ["flight"], table)),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from seqrsm.campaign.simulation import check_simulator
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import Scene
@@ -131,6 +132,16 @@ def test_a_table_of_ones_own_and_a_measured_beam_lie_beside_the_campaign(folder,
     monkeypatch.chdir(folder.parent)
     image(folder)
     np.testing.assert_allclose(np.nanmin(layer(folder, "brightness_k")), coldest, atol=0.5)
+
+
+def test_check_names_covers_of_a_table_that_the_scene_has_not(folder):
+    text = TOML.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntable = "emissivity.csv"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    for rows, idle in ((ROWS, 0), (ROWS.replace("Grass", "Gras"), 1)):
+        (folder / "emissivity.csv").write_text(rows, encoding="utf-8")
+        notes = check_simulator(load_spec(folder))
+        told = [note for note in notes if note.startswith("rows of emissivity.csv for Gras have no effect: ")]
+        assert len(told) == idle
 
 
 def test_faults_of_these_files_are_told_with_their_place(folder):
@@ -273,3 +284,21 @@ def test_an_error_is_made_small_and_has_a_unit(folder):
     output = call("check", folder, code=2).output
     assert f"campaign.toml:{line}: application 'moisture': goal: the utility is an error" in output
     assert 'Write goal = "minimize"' in output
+
+
+def test_the_interval_of_the_mean_that_decides_has_table_uncertainty_wherever_it_is_told(folder):
+    """What is held against the target is the mean over one ground; the mean over all has sampling error alone."""
+    water = TOML[TOML.index('[[application]]\nname = "water"') : TOML.index("[simulator]")]
+    text = TOML.replace(water, "").replace('"prediction_mean"', '"confidence"').replace("width = 3.0", "width = 0.2")
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    call("run", folder)
+    found = json.loads(call("fit", folder, "--json").stdout)
+    told, best = found["stop"]["half_width"], found["optimum"]
+    parts = (best["confidence"]["half_width"], best["ground"]["half_width"])
+    assert told == pytest.approx(np.hypot(*parts))
+    assert parts[1] > 0.1 * told
+    line = f"confidence interval of the mean over one ground: \u00b1 {told:#.3g} m3/m3, target"
+    assert line in call("status", folder).stdout
+    shown = call("fit", folder).stdout
+    assert "Mean score over one ground" in shown
+    assert "Mean score, sampling error only" not in shown

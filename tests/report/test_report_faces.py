@@ -47,7 +47,7 @@ from seqrsm.report.sections.compromise import _paint_front
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.wording import number_cell
-from seqrsm.spec.tables import StopSpec
+from seqrsm.spec.tables import ConsiderationSpec, StopSpec
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +115,20 @@ def test_every_guard_has_its_words(flight, guard):
     section = question_section(dataclasses.replace(flight, spec=spec))
     words = [block.text for block in section.blocks if isinstance(block, Paragraph) and "in addition, " in block.text]
     assert len(words) == 1
+
+
+def test_the_formula_of_a_consideration_is_told(flight):
+    price = ConsiderationSpec(name="price", expr="100 / looks", unit="kEUR", weight=2.0)
+    section = question_section(
+        dataclasses.replace(flight, spec=dataclasses.replace(flight.spec, considerations=(price,)))
+    )
+    (objectives,) = (block for block in section.blocks if "Objectives" in str(getattr(block, "caption", "")))
+    assert [str(getattr(cell, "text", cell)) for cell in objectives.rows[-1]] == [
+        "price [kEUR]",
+        "100 / looks",
+        "minimize",
+        "2",
+    ]
 
 
 def test_both_faces_show_every_text(report, page, paper):

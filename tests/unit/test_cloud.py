@@ -243,3 +243,25 @@ def test_optima_of_draws_spread_as_widely_with_many_factors() -> None:
     of_functions = [climb(process.draw(rng)[0], region, starts, rng)[0][0] for _ in range(25)]
     assert np.std(of_functions) > 0.2
     assert np.std(of_cloud) > 0.6 * np.std(of_functions)
+
+
+@pytest.mark.parametrize("n_continuous", [0, 5])
+def test_the_climb_moves_between_levels(n_continuous: int) -> None:
+    """Of 1000 starts none has the best levels of all factors: a surface of single factors is climbed one by one."""
+    rng = np.random.default_rng(4)
+    values = tuple(float(value) for value in range(1, 6))
+    levels = tuple("ABCDE")
+    discrete = [DiscreteFactor(f"d{i}", values) for i in range(3)] + [CategoricalFactor(f"c{i}", levels) for i in "xyz"]
+    region = Region((*discrete, *(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(n_continuous))))
+    gains = [rng.standard_normal(5) for _ in discrete]
+
+    def mean(points: np.ndarray) -> np.ndarray:
+        index = [np.searchsorted(one.coded_levels, points[:, j] - 1e-9) for j, one in enumerate(discrete)]
+        found = sum(gain[at] for gain, at in zip(gains, index, strict=True))
+        return np.asarray(found - 0.1 * np.sum(np.square(points[:, len(discrete) :]), axis=1))
+
+    starts = region.sample(1000, rng)
+    best = sum(gain.max() for gain in gains)
+    assert mean(starts).max() < best - 0.1
+    top = climb(mean, region, starts, rng)[0]
+    assert mean(np.where(np.arange(region.k) < len(discrete), top, 0.0)[None, :])[0] == pytest.approx(best)

@@ -127,6 +127,14 @@ def test_discrete_and_constrained_regions() -> None:
     assert found.given_up[0].value == pytest.approx(0.0, abs=0.01)
 
 
+def test_many_factors_of_values_are_searched() -> None:
+    """No place of the cover has the best value of all seven: they are found one by one."""
+    values = tuple(float(value) for value in range(9))
+    region = Region(tuple(DiscreteFactor(f"d{i}", values) for i in range(7)))
+    found = compromise(region, [Objective("x", "maximize", 1.0, bowl((-0.25,) * 7))])
+    np.testing.assert_allclose(found.point, -0.25)
+
+
 def test_equal_inputs_give_equal_results() -> None:
     objectives = [Objective("x", "maximize", 1.0, bowl((0.1, 0.7))), Objective("y", "maximize", 1.0, bowl((0.4, 0.0)))]
     np.testing.assert_array_equal(compromise(BOX, objectives).point, compromise(BOX, objectives).point)

@@ -148,8 +148,8 @@ def test_file_is_named_with_the_layer(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scored": None}, "no scene of seqrsm: without scored. Make one: seqrsm scene import"),
-        ({"elevation_cm": None}, "no scene of seqrsm: without elevation_m"),
+        ({"scored": None}, "this is no scene: it has no scored. "),
+        ({"elevation_cm": None}, "this is no scene: it has no elevation_m. "),
         ({"schema": np.array(99)}, "schema 99"),
         ({"schema": np.array("x")}, "wrong form"),
         ({"category_notes": np.array(["a"])}, "wrong form"),

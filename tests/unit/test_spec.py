@@ -6,8 +6,10 @@ import dataclasses
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from seqrsm.design.constraints import arithmetic
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.errors import SpecError
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -436,3 +438,24 @@ def test_a_faulty_factor_is_the_only_fault(tmp_path: Path) -> None:
     with pytest.raises(SpecError) as found:
         load_spec(tmp_path)
     assert [one.field for one in found.value.problems] == ["factor 'resolution': low"]
+
+
+@pytest.mark.parametrize(
+    ("expr", "says"),
+    [
+        ("20 + 15 * (polarization == 'VV') + 100 / resolution", ""),
+        ("15 * (polarization in ('VV', 'XX'))", "'polarization' has no such level"),
+        ("15 * (resolution < 20)", "'Compare' is not allowed"),
+        ("15 * polarization", "a categorical factor stands where a number is needed"),
+        ("15 * band", "a name is not a factor"),
+    ],
+)
+def test_a_consideration_may_depend_on_a_level(load, expr, says):
+    text = GOOD + f'[[consideration]]\nname = "price"\nexpr = "{expr}"\n'
+    if says:
+        with pytest.raises(SpecError, match=says):
+            load(text)
+        return
+    spec = load(text)
+    settings = {"polarization": np.array(["HH", "VV"]), "resolution": np.array([10.0, 20.0])}
+    np.testing.assert_array_equal(arithmetic(spec.considerations[0].expr).right(settings, 2), [30.0, 40.0])

@@ -139,7 +139,7 @@ def test_budget_that_cannot_reach_the_target() -> None:
     decision = look(rule)
     assert decision.runs_needed is not None
     assert decision.runs_needed > 80
-    assert any("unlikely to reach" in line and str(decision.runs_needed) in line for line in decision.futility)
+    assert any("too small for the target" in line and str(decision.runs_needed) in line for line in decision.futility)
 
 
 def test_spent_budget_is_told() -> None:

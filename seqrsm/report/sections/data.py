@@ -9,7 +9,7 @@ from functools import partial
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.plain import counted
+from seqrsm.plain import counted, heading
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, Paragraph, Section, Table, right, table
 from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
@@ -42,12 +42,12 @@ def question_section(dossier: Dossier) -> Section:
     """Return question and region: applications, factors, constraints, stop rule."""
     spec, region = dossier.spec, dossier.spec.region
     blocks: list[Block] = [Paragraph(_stop_text(dossier))]
-    if len(spec.applications) > 1:
-        rows = (
-            (one.name, readable(one.utility), one.goal, number_cell(format_plain(one.weight), one.weight))
-            for one in spec.applications
-        )
-        blocks.append(table("Applications", ("Application", "Score", "Goal", right("Weight")), rows))
+    if len(spec.applications) + len(spec.considerations) > 1:
+        told = [(one.name, readable(one.utility), one.goal, one.weight) for one in spec.applications]
+        told += [(heading(one.name, one.unit), one.expr, one.goal, one.weight) for one in spec.considerations]
+        rows = ((name, value, goal, number_cell(format_plain(w), w)) for name, value, goal, w in told)
+        columns = ("Objective", "Score, or value in natural units", "Goal", right("Weight"))
+        blocks.append(table("Objectives", columns, rows))
     coded = "Factors; the model uses each coded from \u22121 to 1 on its scale"
     described = ((axis_label(factor), *describe_factor(factor)) for factor in region.factors)
     blocks.append(table(coded, ("Factor", "Kind and scale", "Range or levels"), described))

@@ -248,7 +248,7 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
     what = heading("Coefficients", fitted_unit(analysis))
-    caption = f"{what} in coded units, {level} confidence interval and posterior"
+    caption = f"{what} in coded units with their {level} confidence intervals"
     return table(caption, columns, rows, sortable=True)
 
 
@@ -350,9 +350,9 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     influential = influential_runs(fit)
     if influential:
         named = [str(int(ids[run.run])) for run in influential[:MAX_NAMED]]
-        more = len(influential) - len(named)
+        more, high = len(influential) - len(named), 2.0 * fit.n_terms / fit.n_runs
         found.append(
-            f"{counted(len(influential), 'run')} with leverage above 2p/n = {2.0 * fit.n_terms / fit.n_runs:.2f}, "
+            f"{counted(len(influential), 'run')} with {f'leverage above 2p/n = {high:.2f}, ' if high < 1.0 else ''}"
             f"Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an outlying residual: "
             f"{listing([*named, f'{more} more'] if more else named)}."
         )

@@ -82,7 +82,7 @@ from seqrsm.report.wording import (
 )
 from seqrsm.spec.tables import StopSpec
 
-_WATCHED = {"confidence": "Mean score", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
+_WATCHED = {"prediction": "One future run", "prediction_mean": "Mean of future runs"}
 _FAR = 5.0  # coded: a stationary point beyond it, or with such an error, has no settings worth a number
 
 PREDICTION_EQUATION = Equation(
@@ -100,7 +100,9 @@ def intervals_at(analysis: Analysis, stop: StopSpec) -> list[tuple[str, Interval
         ("One future run", optimum.prediction),
         (f"Mean of {optimum.replicates} future runs", optimum.prediction_mean),
     ]
-    if optimum.ground is not None:
+    if optimum.ground is not None and stop.interval == "confidence":  # whose sampling error is all that it has
+        found.append(("Mean score over one ground", optimum.whole))
+    elif optimum.ground is not None:
         found.append((f"{_WATCHED[stop.interval]}, sampling error only", optimum.by_chance))
     return found
 
@@ -143,7 +145,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         cause = "Table uncertainty and run-to-run scatter give" if counted else "Run-to-run scatter alone gives"
         if analysis.belief.common_sd and stop.interval != "confidence":
             cause = "Scatter of runs and of blocks gives"
-        text = f"{cause} the {watched_interval(stop)} a half-width of"
+        text = f"{cause} the {watched_interval(stop, counted)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
     blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
     blocks += _steps(analysis)

@@ -169,11 +169,12 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
     best, terms = analysis.optimum, analysis.fitted.surface.n_terms
     mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
+    watched = watched_interval(stop, best.ground is not None and stop.worlds == "count")
     figures = (
         ("Mean score", score_text(analysis, best.mean), missing or f"{level} confidence interval {mean}"),
         ("One future run", "none" if missing else ends, missing or f"{level} prediction interval"),
         *_ends(analysis),
-        ("Stop-rule half-width", _deciding(analysis), f"target {target}; {watched_interval(stop)}"),
+        ("Stop-rule half-width", _deciding(analysis), f"target {target}; {watched}"),
         ("Most important factor", *_most_important(analysis)),
         ("Runs in the fit", str(analysis.fit.n_runs), f"{terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
