@@ -150,8 +150,8 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     """
     small = np.abs(bends) < 1e-4
     b = np.where(small, 1.0, bends)
-    found: FloatArray = np.where(small, x + 0.5 * bends * (x**2 - 1.0), (np.exp(b * x) - np.cosh(b)) / np.sinh(b))
-    return found
+    found: FloatArray = (np.exp(b * x) - np.cosh(b)) / np.sinh(b)
+    return np.where(small, x + 0.5 * bends * (x**2 - 1.0), found) if small.any() else found
 
 
 def _orthogonal(columns: FloatArray) -> FloatArray:
@@ -182,11 +182,8 @@ def _matern(h: Hyper, squares: FloatArray, apart: IntArray) -> FloatArray:
     k += 1.0
     np.negative(r, out=r)
     k *= np.exp(r, out=r)
-    if not apart.any():
-        k *= np.square(h.process)[:, None]
-        return k
-    by_number = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + apart.max())
-    k *= by_number.take(apart, axis=1)
+    by_number = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + apart.max(initial=0))
+    k *= by_number.take(apart, axis=1) if by_number.shape[1] > 1 else by_number
     return k
 
 
