@@ -7,6 +7,7 @@ stale binary. What lies there is run when it is read, so nobody else may be able
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import stat
@@ -74,6 +75,7 @@ class _Kernel:
             os.environ["NUMBA_CACHE_DIR"] = str(folder)
         import numba
 
+        gc.freeze()  # compiling makes so many objects that all those of libraries would be searched again and again
         # No entry for C, which nobody calls, nor for Python into what only kernels call: a sixth less to compile.
         within = self._function.__name__.startswith("_")
         options: Any = {

@@ -172,8 +172,8 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     """
     small = np.abs(bends) < 1e-4
     b = np.where(small, 1.0, bends)
-    found: FloatArray = np.where(small, x + 0.5 * bends * (x**2 - 1.0), (np.exp(b * x) - np.cosh(b)) / np.sinh(b))
-    return found
+    found: FloatArray = (np.exp(b * x) - np.cosh(b)) / np.sinh(b)
+    return np.where(small, x + 0.5 * bends * (x**2 - 1.0), found) if small.any() else found
 
 
 def _squares(a: _Places, b: _Places) -> FloatArray:
@@ -197,11 +197,8 @@ def _matern(h: Hyper, squares: FloatArray, apart: IntArray) -> FloatArray:
     k += 1.0
     np.negative(r, out=r)
     k *= np.exp(r, out=r)
-    if not apart.any():
-        k *= np.square(h.process)[:, None]
-        return k
-    numbers = np.arange(1 + apart.max())
-    k *= (np.square(h.process)[:, None] * h.between[:, None] ** numbers) @ (apart == numbers[:, None])
+    by_number = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + apart.max(initial=0))
+    k *= by_number.take(apart, axis=1) if by_number.shape[1] > 1 else by_number
     return k
 
 
@@ -461,7 +458,9 @@ class Process:
     def _of_process(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Covariance (d, m, n) of the process alone."""
         squares = _squares(a, b)
-        apart = np.sum(a.levels[:, None] != b.levels[None, :], axis=-1)
+        apart = np.zeros(squares.shape[1:], dtype=np.int64)
+        for of_a, of_b in zip(a.levels.T, b.levels.T, strict=True):  # a sum over so short an axis takes as long as exp
+            apart += of_a[:, None] != of_b
         return _matern(h, squares.reshape(len(squares), -1), apart.ravel()).reshape(squares.shape)
 
     def _of_scores(self, h: Hyper, own: _Places) -> FloatArray:

@@ -88,6 +88,8 @@ class Evidence:
         Label of each unit in a map that is there already; None without one.
     log_share : float64 array (n_labels, n_classes)
         What each label says for each class, see `seqrsm.score.known_map`.
+    held : bool array (n,) or None
+        Units that hold a scored cell, where they are known already; else ``counts`` tell.
     """
 
     features: FloatArray
@@ -98,6 +100,7 @@ class Evidence:
     teaching: AnyArray
     label: IntArray | None = None
     log_share: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+    held: BoolArray | None = None
 
 
 def evidence_of(
@@ -129,6 +132,7 @@ def evidence_of(
     is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
     layers = np.vstack([*powers, *angles], dtype=np.float64)
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
+    held = None if by in ("field", "segment") else pixels.field != -1
     if by == "field":
         layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m(base, scene))
     elif by == "segment":
@@ -140,7 +144,7 @@ def evidence_of(
         layers[is_power] = decibels(layers[is_power], counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, holds_cells(counts))
-    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
+    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, held=held)
     if known is None:
         return found
     label = labels_of_units(known, scene, pixels.pixel if unit is None else unit, len(counts), seed)
@@ -392,7 +396,7 @@ def _shown(image: Image, counts: AnyArray) -> AnyArray:
     """
     if not isinstance(image, RadarImage):
         return counts
-    hidden = np.all(image.mean_power < image.noise_power_w[:, None], axis=0).ravel()
+    hidden = (image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
     if not hidden.any():
         return counts
     teaching = counts.copy()

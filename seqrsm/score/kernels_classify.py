@@ -166,12 +166,13 @@ def _likeliest(
 
     ``own``: the first of the features that are no evidence. Loops over pixels inside, so that they become vectors.
     """
-    best[:m] = -np.inf
-    named[:m] = 0
+    for n in range(m):
+        best[n], named[n] = -np.inf, 0
     for k in range(centre.shape[0]):
         if constant[k] == -np.inf:
             continue
-        square[:m] = 0.0
+        for n in range(m):
+            square[n] = 0.0
         _add_squares(x, m, centre[k], scale[k], 1.0, square, z)
         # A conditional Gaussian is the joint one over that of the covariates alone.
         _add_squares(x[own:], m, centre[k, own:], known_scale[k], -1.0, square, z)

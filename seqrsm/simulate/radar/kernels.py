@@ -181,12 +181,12 @@ def _slope_row(z: AnyArray, row: int, left: np.uint64, m: np.uint64, cell: float
     """Slope along the track: central differences, one-sided at the ends, 0 for one cell."""
     number = z.dtype.type
     per_two = number(0.5 / cell)
-    # Unsigned: with a single column the range would have no end.
-    for j in range(_ONE, max(m, np.uint64(2)) - _ONE):
+    # Unsigned: with a single column the range would have no end. Each min or max would be compiled for its own types.
+    for j in range(_ONE, m - _ONE if m > _ONE else _ONE):
         w[_SLOPE + j] = (z[row, left + j + _ONE] - z[row, left + j - _ONE]) * per_two
     for end in (_ZERO, m - _ONE):
         k: Any = np.int64(left + end)
-        first, last = max(k - 1, 0), min(k + 1, z.shape[1] - 1)
+        first, last = k - 1 if k > 0 else k, k + 1 if k < z.shape[1] - 1 else k
         per_metre = number(1.0 / (cell * (last - first))) if last > first else number(0.0)
         w[_SLOPE + end] = (z[row, last] - z[row, first]) * per_metre
 
