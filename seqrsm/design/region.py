@@ -259,7 +259,7 @@ class Region(OfFactors):
         found = [points[:0]]
         for j, factor in enumerate(self.factors):
             for level in () if isinstance(factor, ContinuousFactor) else factor.coded_levels:
-                moved = points.copy()
+                moved = points[points[:, j] != level]
                 moved[:, j] = level
                 found.append(moved)
         return np.vstack(found)

@@ -26,6 +26,7 @@ _ASIDE = 50
 """For each factor, peaks moved aside along two factors or so, where optima of draws are sought too: random places alone
 are far apart where there are many factors."""
 _NUGGET = 1e-7
+_EQUAL = 1e-9  # of the range of means: such differences are none
 
 
 def climb(
@@ -51,7 +52,8 @@ def climb(
             pool, values = np.vstack([pool, near]), np.append(values, found)
             near = region.at_other_levels(pool[[np.argmax(values)]])
             near = near[region.feasible(near, tol=0.0)]
-            if not len(near) or not np.max(found := mean(near)) > np.max(values):
+            # Rounding, which is the processor's, makes no level better.
+            if not len(near) or np.max(found := mean(near)) <= np.max(values) + _EQUAL * np.ptp(values):
                 break
     return pool[np.argsort(-values, kind="stable")]
 

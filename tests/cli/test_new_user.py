@@ -251,7 +251,7 @@ def test_a_sensor_that_cannot_be_built_is_told_once_however_many_its_numbers_are
 
 
 def test_a_form_that_cannot_be_written_issues_no_runs(tiny) -> None:
-    assert "cannot write" in call("propose", tiny, "--csv", tiny / "nowhere" / "form.csv", code=2)
+    assert "cannot be written" in call("propose", tiny, "--csv", tiny / "nowhere" / "form.csv", code=2)
     assert json.loads(call("status", tiny, "--json"))["runs"] == {}
 
 

@@ -362,10 +362,8 @@ def test_hyperparameters_by_name() -> None:
     np.testing.assert_array_equal(h.bends, [[-1.0, 3.0]])
     assert Hyper.of(theta[:, :5], 1, categories=False, sources=False, blocks=False).between[0] == 1.0
     assert (h.difference[0], h.other_noise[0], h.block[0]) == (0.0, 0.0, 0.0)
-    h = Hyper.of(theta, 1, categories=False, sources=True, blocks=True)
-    assert h.block[0] == np.exp(3.0)
-    assert (h.difference[0], h.other_noise[0], h.noise[0]) == pytest.approx(np.exp([2.0, 0.3, -0.7]), rel=1e-14)
-    two = Hyper.of(np.append(theta, [[0.5, -0.5]], axis=1), 2, categories=True, sources=True)
+    two = Hyper.of(np.append(theta, [[0.5, -0.5, -1.5]], axis=1), 2, categories=True, sources=True, blocks=True)
+    assert two.block[0] == np.exp(-1.5)
     assert (two.difference[0], two.other_noise[0]) == tuple(np.exp([0.5, 0.3]))
     assert two.noise[0] == pytest.approx(np.exp(0.3 - 0.5))  # of the own source: a share of the other's
     np.testing.assert_array_equal(two.bends, h.bends)
