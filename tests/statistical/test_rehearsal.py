@@ -106,7 +106,9 @@ def test_batches_of_random_days_are_rehearsed_by_days(
     found, _ = rehearsed(spec, analysis, 2)
     assert "Each rehearsed batch is a block of its own." in found["notes"]
     for last, runs in made:
-        assert not last.fitted.surface.fixed_blocks
+        surface = last.fitted.surface
+        assert not surface.fixed_blocks
+        assert surface.posterior.sigma_day > 0.5 * SIGMA
         assert [run.block for run in runs] == [f"day {run.batch}" for run in runs]
 
 

@@ -1,0 +1,124 @@
+"""Flights on random days, Student-t errors among them: what a new day adds to runs, and the runs chosen for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from process_cases import bowl, factors, fitted, hill, spread
+from scored_campaigns import campaign, numeric, specification
+
+from seqrsm.analysis.belief import intervals_by_draws
+from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.analysis.results import Analysis, BlockResponse
+from seqrsm.analysis.study import block_study
+from seqrsm.analysis.surfaces import RandomBlocks
+from seqrsm.campaign import next_runs
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.design.region import Region
+from seqrsm.fit.blocks import fit_random_blocks
+from seqrsm.fit.process import Blocks
+from seqrsm.propose.cloud import Cloud, propose_from_process
+
+RANDOM = '[model]\nblock = "day"\nblock_effect = "random"\n'
+DAYS = [f"day {i}" for i in range(8)] * 5
+OF_DAYS = np.tile(5.0 * np.linspace(-1.5, 1.5, 8), 5)
+NOISE = np.random.default_rng(9).standard_t(4.0, 40)
+STUDENT = 2.0
+"""Variance of Student's errors with four degrees of freedom over the square of their scale."""
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory) -> tuple[Campaign, Analysis]:
+    """A bowl by 40 flights on 8 days, their effects of a standard deviation of 5; wild scores."""
+    points = np.round(spread(40, 2), 3)
+    text = specification(numeric(2), rest=f'{RANDOM}errors = "student_t"\n')
+    folder = tmp_path_factory.mktemp("days") / "c"
+    made = campaign(folder, text, points, bowl(points) + OF_DAYS + NOISE, block=DAYS)
+    return made, made.analyse_all(n_draws=400)[0]
+
+
+def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
+    fitted, surface = flown[1].fitted, flown[1].fitted.surface
+    assert isinstance(surface, RandomBlocks)
+    found = surface.posterior
+    own, day = found.shares @ np.square(found.s), found.shares @ (np.square(found.s) * found.ratios)
+    quadratic = replace(fitted.departure, process=None, probability=0.0)
+    for weight in (1.0, 3.0):
+        sd = quadratic.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
+        assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
+    assert surface.common_sd**2 == pytest.approx(day, rel=1e-9)
+
+
+def test_days_of_the_process_are_its_own(flown) -> None:
+    """Were its days all alike, the mean of many runs of a new one would be known as well as the surface."""
+    made, analysis = flown
+    process, at = analysis.fitted.departure.process, np.array([0.2, 0.2])
+    alike = process.some(100)
+    alike.hyper = replace(alike.hyper, block=np.zeros_like(alike.hyper.block))
+    draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=4000)
+    widths = []
+    for one in (process, alike):
+        departure = replace(analysis.fitted.departure, process=one, probability=1.0)
+        belief = replace(analysis.belief, departure=departure)
+        rng = np.random.default_rng(5)
+        _, (mean, many) = intervals_by_draws(belief, analysis.scale, at, 0.95, (100,), 0.0, draws, rng)
+        widths.append(many.half_width / mean.half_width)
+    assert widths[0] > 1.6
+    assert widths[1] < 1.2
+
+
+def test_intervals_of_a_new_day_are_students(flown) -> None:
+    """Beside the headline: what the quadratic alone gives there, with runs that scatter by more than their scale."""
+    made, analysis = flown
+    study = block_study(made.spec, analysis.fitted, analysis.optimum.point)
+    assert study is not None
+    assert isinstance(study.new, BlockResponse)
+    row = analysis.model.matrix(analysis.optimum.point[None, :])
+    told = analysis.fitted.surface.posterior.predict(row, 0.95, weight=1.0 / STUDENT).prediction
+    found = study.new.prediction
+    assert [found.low, found.high] == pytest.approx([float(told.low[0]), float(told.high[0])], rel=1e-9)
+
+
+def test_what_weights_tell_too_well_inflates_the_mean_alone() -> None:
+    rng, days = np.random.default_rng(2), np.arange(30) % 6
+    Z = np.column_stack([np.ones(30), rng.uniform(-1.0, 1.0, 30)])
+    y = Z @ [50.0, 3.0] + 2.0 * rng.normal(size=6)[days] + rng.normal(size=30)
+    plain, inflated = (fit_random_blocks(Z, y, days.tolist(), inflation=by) for by in (1.0, 1.4))
+    one, other = (found.predict(Z[:3], 0.95) for found in (plain, inflated))
+    away = np.square(Z[:3] @ plain.mean.T - one.mean[:, None]) @ plain.shares  # of the ratios: no error of weights
+    np.testing.assert_allclose(other.se_mean**2 - away, 1.4 * (one.se_mean**2 - away), rtol=1e-9)
+    np.testing.assert_array_equal(inflated.s, plain.s)
+    np.testing.assert_array_equal(inflated.ratios, plain.ratios)
+
+
+def test_the_first_run_of_a_new_day_is_judged_by_its_scatter_and_the_days() -> None:
+    points, days = np.round(spread(24, 2), 3), np.arange(24) % 6
+    y = hill(points) + 4.0 * np.linspace(-1.5, 1.5, 6)[days] + np.random.default_rng(1).normal(size=24)
+    process = fitted(points, y, blocks=Blocks(np.eye(6)[days], new=True))
+    region, top, rng = Region(factors(2)), np.array([0.3, 0.3]), np.random.default_rng(3)
+    cloud = Cloud(process, region, top, points, 1.0, rng)
+    best = np.argmax(cloud.draws(12, rng), axis=1)
+    (one,) = propose_from_process(process, region, top, points, np.zeros(24, dtype=bool), 1, seed=3)
+    place = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
+    row = cloud.covariance[place]
+    noise, block = (float(np.mean(one)) for one in (process.some(20).noise_variance, process.some(20).block_variance))
+    gain = row[cloud.hat] ** 2 + np.mean((row[best] - row[cloud.hat]) ** 2)
+    assert one.gain == pytest.approx(gain / (row[place] + noise + block), rel=1e-9)
+    assert block > 4.0 * noise
+
+
+def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Known as a run is, about: neither taken for 0, nor for anything."""
+    made, analysis = flown
+    departure = replace(analysis.fitted.departure, probability=0.0)
+    quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
+    real, given = next_runs.propose_batch, []
+    monkeypatch.setattr(next_runs, "propose_batch", lambda *a, **more: given.append(a[2]) or real(*a, **more))
+    assert len(next_runs.next_batch(made.spec, [quadratic], made.store.runs(), 4, "flight")) == 4
+    (evidence,) = given
+    assert not evidence.rows[:, -1].any()  # nobody has flown on that day
+    precision = np.asarray(evidence.prior_precision)
+    assert precision[-1, -1] == 1.0
+    assert np.count_nonzero(precision[-1]) == 1
