@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -294,3 +295,26 @@ def test_status_of_runs_that_wait_for_their_scores_looks_at_none(tmp_path: Path)
     (tmp_path / "campaign.toml").write_text(HEAD + X + MEASURED + STOP, encoding="utf-8")
     assert CliRunner().invoke(app, ["propose", str(tmp_path)]).exit_code == 0
     assert "no scored run yet" in CliRunner().invoke(app, ["status", str(tmp_path)]).output
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('utility = "measured"', 'utility = "measured"\ngoal = "minimize"'),
+        ("high = 10.0", "high = 14.0"),
+        ("half_width = 3.0", "half_width = 0.5"),
+    ],
+)
+def test_status_is_of_the_specification_as_it_is_now(tmp_path, old, new) -> None:
+    """`propose` records a look; after an edit that look is of another question."""
+    folder = make(tmp_path / "c", X + FREQUENCY, quadratic())
+    assert CliRunner().invoke(app, ["propose", str(folder), "-n", "2"]).exit_code == 0
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    of_fit, status = (
+        json.loads(CliRunner().invoke(app, [command, str(folder), "--json"]).stdout) for command in ("fit", "status")
+    )
+    of_status = status["applications"][0]["last_look"]
+    assert of_status["optimum"]["settings"] == of_fit["optimum"]["settings"]
+    assert of_status["optimum"]["prediction"] == of_fit["optimum"]["prediction"]
+    assert (of_status["held"], of_status["reasons"]) == (of_fit["stop"]["held"], of_fit["stop"]["reasons"])
