@@ -318,3 +318,26 @@ def test_status_is_of_the_specification_as_it_is_now(tmp_path, old, new) -> None
     assert of_status["optimum"]["settings"] == of_fit["optimum"]["settings"]
     assert of_status["optimum"]["prediction"] == of_fit["optimum"]["prediction"]
     assert (of_status["held"], of_status["reasons"]) == (of_fit["stop"]["held"], of_fit["stop"]["reasons"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            'levels = ["HH", "VV"]',
+            "values = [1, 2]",
+            "pol: runs 1, 3, 5, 7, 9, 11, 13, 15, ...: not a finite number (got 'HH')",
+        ),
+        ("low = 0.0\nhigh = 10.0", 'levels = ["near", "far"]', "x: runs 1, 7, 13, 19, 25: unknown level (got 5.0)"),
+    ],
+)
+@pytest.mark.parametrize("command", ["status", "fit", "check", "report", "propose"])
+def test_a_factor_that_became_of_another_kind_is_refused(tmp_path, old, new, says, command) -> None:
+    rows = [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(quadratic(30))]
+    folder = make(tmp_path / "c", X + FREQUENCY + POL, rows)
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text("utf-8").replace(old, new), "utf-8")
+    done = CliRunner().invoke(app, [command, str(folder)])
+    assert done.exit_code == 2, done.exception
+    assert says in done.stderr
+    assert "campaign.toml was changed since" in done.stderr
