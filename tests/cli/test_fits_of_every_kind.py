@@ -341,3 +341,12 @@ def test_a_factor_that_became_of_another_kind_is_refused(tmp_path, old, new, say
     assert done.exit_code == 2, done.exception
     assert says in done.stderr
     assert "campaign.toml was changed since" in done.stderr
+
+
+@pytest.mark.parametrize(("goal", "word"), [("maximize", "Gain"), ("minimize", "Difference")])
+def test_a_rise_of_a_score_to_be_minimized_is_no_gain(tmp_path, goal, word) -> None:
+    rows = [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(quadratic(30))]
+    folder = make(tmp_path / "c", X + FREQUENCY + POL, rows, application=f'{MEASURED}goal = "{goal}"\n')
+    shown = CliRunner().invoke(app, ["fit", str(folder)]).stdout
+    title = next(text for text in shown.splitlines() if "Pr(better)" in text)
+    assert (word in title, f"interval of the {word.lower()} allows" in " ".join(shown.split())) == (True, True)
