@@ -47,7 +47,7 @@ class Comparison:
     Attributes
     ----------
     score, difference : float
-        Expected score, and by how much it exceeds that of the optimum.
+        Expected score, and by how much it exceeds that of the optimum; by a surface not better, as its best is told.
     confidence : Interval
         Of the expected difference over all grounds.
     one_ground : Interval
@@ -147,18 +147,20 @@ def by_surface(
         Of the optimum's mean, score units, see `OptimumEstimate`.
     rng : Generator
     """
-    less = np.array([0.0, optimism])
+    mean = scale.to_score(belief.mean(points))
+    above = rule.sign * max(rule.sign * (mean[0] - mean[1] + optimism), 0.0)  # as chosen as the optimum, see `Step`
+    less = np.array([above, optimism])
     parts = [(scale.to_score(one) - less, share) for one, share in joint_draws(belief, points, terms, rng)]
     gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
     futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]
     judged = futures
     if not rule.relative:
         judged = [(one[:, 0] + sds[1] * rng.standard_normal(len(one)), share) for one, share in parts]
-    mean = scale.to_score(belief.mean(points)) - less
+    mean = mean - less
     return Comparison(
         score=float(mean[0]),
         difference=float(mean[0] - mean[1]),
-        confidence=mixed_quantiles(gains, level).also_less(optimism),
-        one_ground=mixed_quantiles(futures, level).also_less(optimism),
+        confidence=mixed_quantiles(gains, level).also_less(optimism - above),
+        one_ground=mixed_quantiles(futures, level).also_less(optimism - above),
         probability=sum(share * float(np.mean(rule.sign * (one - rule.score) >= 0.0)) for one, share in judged),
     )

@@ -41,7 +41,7 @@ DRAWS = 200
 _COVER = 3000
 _FRONT = 400  # points of the Pareto front that are kept, spread evenly
 _RADII = (0.3, 0.15, 0.07, 0.03, 0.01, 0.003)
-_LEAST = 1e-6  # of a desirability: a geometric mean of zeros would rank nothing
+_UNACCEPTABLE = -1e9  # in place of log 0: ranks what is unacceptable to some, the lighter first; its exponential is 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,12 +230,12 @@ def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
 def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: float) -> FloatArray:
     """Desirability in [0, 1]: 0 at ``unacceptable`` and beyond, 1 at ``ideal`` and beyond.
 
-    The two are in the order of the goal; equal ones make every value ideal.
+    Equal ones make every value ideal; where ``ideal`` is the worse one, nothing is acceptable.
     """
-    span = ideal - unacceptable
-    if (span > 0.0) != (goal == "maximize") or span == 0.0:
-        return np.ones(np.shape(values))
-    scaled: FloatArray = np.clip((np.asarray(values) - unacceptable) / span, 0.0, 1.0)
+    span = sign_of(goal) * (ideal - unacceptable)
+    if span <= 0.0:
+        return np.full(np.shape(values), float(span == 0.0))
+    scaled: FloatArray = np.clip(sign_of(goal) * (np.asarray(values) - unacceptable) / span, 0.0, 1.0)
     return scaled
 
 
@@ -287,11 +287,11 @@ def compromise(
     weights = weights / weights.sum()
 
     def merit(values: FloatArray) -> FloatArray:
-        """Weighted log desirability of values (..., objectives)."""
+        """Logarithm of the weighted geometric mean of desirabilities, of values (..., objectives)."""
         found: FloatArray = np.zeros(values.shape[:-1])
         for i, (objective, (worst, best)) in enumerate(zip(objectives, limits, strict=True)):
             d = desirability(values[..., i], objective.goal, worst, best)
-            found = found + weights[i] * np.log(np.maximum(d, _LEAST))
+            found = found + weights[i] * np.log(d, out=np.full(np.shape(d), _UNACCEPTABLE), where=d > 0.0)
         return found
 
     def at(points: FloatArray) -> FloatArray:
@@ -356,12 +356,16 @@ def _signed(objective: Objective, points: FloatArray) -> FloatArray:
 
 
 def _limits(objective: Objective, values: FloatArray, best: float) -> tuple[float, float]:
-    """Values of desirability 0 and 1: as given, or the worst of the cover and the objective's own optimum."""
-    worst = float(values.min() if objective.goal == "maximize" else values.max())
-    return (
-        worst if objective.unacceptable is None else objective.unacceptable,
-        best if objective.ideal is None else objective.ideal,
-    )
+    """Values of desirability 0 and 1: as given, or the worst of the cover and the objective's own optimum.
+
+    A default never contradicts what is given: all may be better than ``ideal``, or none than ``unacceptable``.
+    """
+    sign, worst, ideal = sign_of(objective.goal), objective.unacceptable, objective.ideal
+    if worst is None:
+        worst = sign * min(float(np.min(sign * values)), math.inf if ideal is None else sign * ideal)
+    elif ideal is None and sign * best <= sign * worst:
+        best = -sign * math.inf
+    return worst, best if ideal is None else ideal
 
 
 def _draws(
@@ -381,9 +385,9 @@ def _draws(
     values = np.empty((m, len(points), len(objectives)))
     for i, objective in enumerate(objectives):
         values[:, :, i] = tables[i][:m] if i in tables else objective.mean(points)[None, :]
-    of = np.exp(merit(values))
+    of = merit(values)
     best = np.argmax(of, axis=1)
-    shortfall = float(np.mean(of[np.arange(m), best] - of[:, -1]))
+    shortfall = float(np.mean(np.exp(of[np.arange(m), best]) - np.exp(of[:, -1])))
     losses = {}
     for i in uncertain:
         sign = sign_of(objectives[i].goal)

@@ -107,7 +107,7 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    decision = _decision(spec, application, fitted, belief, estimate, agreement, known_map)
+    decision = _decision(spec, application, fitted, belief, estimate, alone, agreement, known_map)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
@@ -227,6 +227,7 @@ def _decision(
     fitted: Fitted,
     belief: Belief,
     estimate: OptimumEstimate,
+    draws: Draws,
     agreement: Agreement | None,
     known_map: bool,
 ) -> Decision:
@@ -235,11 +236,17 @@ def _decision(
     s, h = belief.scatter(estimate.point)
     if belief.common_sd and rule.interval != "confidence":  # which is of the average block
         rule = replace(rule, ground_share=(belief.common_sd / s) ** 2, counts_ground=True)
+    reach = float(t_quantile(np.inf, rule.level))
+    of_run = belief.sd_of_run(estimate.point, reach)
+    if surface.errors.of_counts:  # which near 100 % scatter less to either side than logits do
+        rng, here = generator(spec.seed, fit.n_runs, "scatter"), belief.mean(estimate.point[None, :])
+        runs = surface.errors.future_scores(draws, fitted.scale, np.tile(here, len(draws.sigma)), 1, rng)
+        of_run = float(np.ptp(np.quantile(runs, [0.5 - 0.5 * rule.level, 0.5 + 0.5 * rule.level]))) / (2.0 * reach)
     lack = fit.lack_of_fit()
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms,
-        s=known_scatter(belief.sd_of_run(estimate.point, float(t_quantile(np.inf, rule.level)))),
+        s=known_scatter(of_run),
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=h,

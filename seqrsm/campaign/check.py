@@ -131,7 +131,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
-    analyses, recommended = _so_far(spec)
+    analyses = _so_far(spec)
     found, seconds = [_Scatter()] * len(spec.applications), float("nan")
     covers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -184,7 +184,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         notes=notes,
         covers=covers,
         combinations=combinations,
-        hardware=_hardware(spec, recommended),
+        hardware=_hardware(spec, [one.optimum.settings for one in analyses.values()]),
         plans=plans,
         over=over,
         surfaces=surfaces.source,
@@ -331,17 +331,16 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     return found, seconds, tuple(notes)
 
 
-def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], list[Mapping[str, float | str]]]:
-    """Analyses of applications, none where scores are too few, and what the last looks recommend."""
+def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
+    """Analyses of applications, none where scores are too few."""
+    analyses: dict[str, Analysis] = {}
     if not Store.exists(spec.folder, spec.store_url):
-        return {}, []
+        return analyses
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
-        looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
-        analyses: dict[str, Analysis] = {}
         for one in spec.applications:
             with suppress(FitError):
                 (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)
-    return analyses, list(looks.values())
+    return analyses
 
 
 def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter, analysis: Analysis | None) -> Surfaces:

@@ -107,9 +107,10 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     for factor in spec.factors:
         if isinstance(factor, CategoricalFactor):
             continue
-        values = [run.settings[factor.name] for run in runs if run.state == "scored" and factor.name in run.settings]
+        found = (run.settings.get(factor.name, "") for run in runs if run.state == "scored")
+        values = [value for value in found if not isinstance(value, str)]  # once a level: refused where it is coded
         inside = {
-            unit: sum(_fits(factor, float(value), unit, _ROUNDED_ENDS) for value in values)
+            unit: sum(_fits(factor, value, unit, _ROUNDED_ENDS) for value in values)
             for unit in (factor.unit, *units_like(factor.unit))
         }
         own, n = inside.pop(factor.unit), len(values)

@@ -184,7 +184,7 @@ def _remarks(picture: Picture, out: Path) -> list[str]:
 
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:
     spec, region = campaign.spec, campaign.spec.region
-    look = latest_look(spec, spec.applications[0], campaign.store.runs(), campaign.store.looks())["last_look"]
+    look = latest_look(spec, spec.applications[0], campaign.store.runs())["last_look"]
     settings = dict(look["optimum"]["settings"]) if look else region.decode(region.centre())[0]
     for assignment in assignments:
         name, sign, value = assignment.partition("=")

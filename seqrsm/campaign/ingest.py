@@ -56,6 +56,7 @@ class IngestReport(IngestOutcome):
     messages: tuple[str, ...] = ()
 
 
+_AGAINST = -0.3  # agreement: of two rankings of a dozen images by a guess two standard deviations
 _Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str], ScoresFile | None]
 """A file on its way into the store; lines outside the region; lines without score; remarks; what was read of scores."""
 
@@ -290,6 +291,12 @@ def ranking_messages(summary: RankingSummary) -> list[str]:
         factor = f"{math.exp(1.96 * summary.scale_se):.2g}"
         messages.append(
             f"Their common scale is known to within a factor of about {factor}, which no interval includes."
+        )
+    against = ", ".join(one.interpreter for one in summary.interpreters if (one.agreement or 0.0) < _AGAINST)
+    if against:
+        messages.append(
+            f"Ranked against the scores by {against}: is 1 the rank of the best image? If not, void these rankings "
+            "and ingest them the other way round."
         )
     if summary.apart:
         messages.append(

@@ -18,14 +18,13 @@ from seqrsm.plain import plain
 from seqrsm.remember import remembered
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import EventRecord, LookRecord, RunRecord
+from seqrsm.store.records import EventRecord, RunRecord
 from seqrsm.store.store import Store
 
 
 def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     """Runs by state and source, what the scores say so far of each application, and whether to stop.
 
-    Where scores came in after the last look (measured ones have none), a look is taken here and not recorded.
     ``history`` adds every event.
 
     Raises
@@ -33,18 +32,16 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     SpecError, StoreError
     """
     spec = load_spec(folder)
-    runs, looks = tuple[RunRecord, ...](), tuple[LookRecord, ...]()
+    runs = tuple[RunRecord, ...]()
     events = bundles = tuple[EventRecord, ...]()
     if Store.exists(spec.folder, spec.store_url):
         with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
             store.verify()
-            runs, looks = store.runs(), store.looks()
+            runs = store.runs()
             events = store.events() if history else ()
             bundles = store.events(kind=MEASURED)
     see_units(spec, runs)
-    applications = [
-        latest_look(spec, one, runs, looks, measured_ground(bundles, one.name)) for one in spec.applications
-    ]
+    applications = [latest_look(spec, one, runs, measured_ground(bundles, one.name)) for one in spec.applications]
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
@@ -99,36 +96,25 @@ def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
 
 
 def latest_look(
-    spec: CampaignSpec,
-    application: ApplicationSpec,
-    runs: Sequence[RunRecord],
-    looks: Sequence[LookRecord],
-    ground: Ground | None = None,
+    spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], ground: Ground | None = None
 ) -> dict[str, Any]:
-    """The last look of an application, or a fresh one where there are newer scores, which is remembered.
+    """What the scores say of an application, by the specification as it is now; remembered, not recorded.
 
     Returns
     -------
     dict
-        ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None before the first fit),
-        ``reason`` (why it is None).
+        ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None where there is no fit),
+        ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import analyse
     from seqrsm.analysis.to_json import look_summary
 
-    mine = [look for look in looks if look.application == application.name]
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
     found["target_half_width"] = spec.stop_of(application.name).half_width
-    if mine:
-        found["last_look"] = mine[-1].summary
-    given = {run.run_id: score for run in runs if run.state == "scored" and (score := run.score_of(application.name))}
-    scored = [run for run in evidence(runs) if run.run_id in given]
-    newest = max((score.scored_at for score in given.values()), default="")
     try:
         see_names(spec, runs, application.name)
-        # Rankings change scores without adding any.
-        if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
-            look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
+        if any(run.state == "scored" and run.score_of(application.name) for run in evidence(runs)):
+            look = partial(analyse, spec, application, runs, ground=ground, n_draws=1000)
             made_of = (spec.spec_hash, application.name, runs, ground)
             found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
     except FitError as error:

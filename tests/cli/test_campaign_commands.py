@@ -426,6 +426,16 @@ def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     assert "cannot be built" in ok("check", copy)
 
 
+def test_check_is_of_the_specification_as_it_is_now(copy) -> None:
+    """The last look was recorded before the edit: its settings are those of the other goal."""
+    file = copy / "campaign.toml"
+    file.write_text(
+        file.read_text("utf-8").replace('"percent_correct"', '"percent_correct"\ngoal = "minimize"'), "utf-8"
+    )
+    settings = json.loads(ok("fit", copy, "--json"))["optimum"]["settings"]
+    assert check.check_campaign(copy).hardware == check._hardware(load_spec(copy), [settings])
+
+
 def test_catalog_finds_soil_moisture() -> None:
     assert "A.16" in ok("catalog", "soil", "moisture")
     assert len(json.loads(ok("catalog", "soil", "moisture", "--json"))["entries"]) > 5

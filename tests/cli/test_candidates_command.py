@@ -175,6 +175,28 @@ sensor = "BIOMASS SM SLC"
     assert (biomass["how"], "outside the region" in biomass["why"]) == ("none", True)
 
 
+@pytest.mark.parametrize("goal", ["maximize", "minimize"])
+def test_by_the_surface_the_optimum_loses_nothing_and_its_neighbour_gains_nothing(tmp_path: Path, goal: str) -> None:
+    """The optimum's mean is corrected for selection bias; the same settings beside it were told as better."""
+    sign = 1.0 if goal == "maximize" else -1.0
+    rows = [row | {"score": sign * row["score"]} for row in quadratic()]
+    folder = make(tmp_path / "m", X + FREQUENCY, rows, application=f'{MEASURED}goal = "{goal}"\n')
+    best = seqrsm.Campaign(folder).fit().analyses[0].optimum
+    assert sign * best.optimism > 0.0
+    x = best.settings["x"]
+    lines = [
+        f'[[candidate]]\nname = "{name}"\nparameters = {{ x = {at} }}\n'
+        for name, at in (("same", x), ("near", x + 1e-3))
+    ]
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text("utf-8") + "".join(lines), "utf-8")
+    ok("candidates", folder)
+    same, near = found(folder)["same"], found(folder)["near"]
+    assert same["score"] == pytest.approx(best.mean)
+    assert (same["difference"], same["confidence"]["low"], same["confidence"]["high"]) == pytest.approx((0.0, 0.0, 0.0))
+    assert sign * near["difference"] <= 0.0
+
+
 def test_nothing_is_told_where_nothing_is_known_of_scatter(tmp_path: Path) -> None:
     """As many runs as terms."""
     rows = [{"x": x, "score": score} for x, score in ((0.0, 1.0), (5.0, 4.0), (10.0, 2.0))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -294,3 +295,58 @@ def test_status_of_runs_that_wait_for_their_scores_looks_at_none(tmp_path: Path)
     (tmp_path / "campaign.toml").write_text(HEAD + X + MEASURED + STOP, encoding="utf-8")
     assert CliRunner().invoke(app, ["propose", str(tmp_path)]).exit_code == 0
     assert "no scored run yet" in CliRunner().invoke(app, ["status", str(tmp_path)]).output
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('utility = "measured"', 'utility = "measured"\ngoal = "minimize"'),
+        ("high = 10.0", "high = 14.0"),
+        ("half_width = 3.0", "half_width = 0.5"),
+    ],
+)
+def test_status_is_of_the_specification_as_it_is_now(tmp_path, old, new) -> None:
+    """`propose` records a look; after an edit that look is of another question."""
+    folder = make(tmp_path / "c", X + FREQUENCY, quadratic())
+    assert CliRunner().invoke(app, ["propose", str(folder), "-n", "2"]).exit_code == 0
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    of_fit, status = (
+        json.loads(CliRunner().invoke(app, [command, str(folder), "--json"]).stdout) for command in ("fit", "status")
+    )
+    of_status = status["applications"][0]["last_look"]
+    assert of_status["optimum"]["settings"] == of_fit["optimum"]["settings"]
+    assert of_status["optimum"]["prediction"] == of_fit["optimum"]["prediction"]
+    assert (of_status["held"], of_status["reasons"]) == (of_fit["stop"]["held"], of_fit["stop"]["reasons"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            'levels = ["HH", "VV"]',
+            "values = [1, 2]",
+            "pol: runs 1, 3, 5, 7, 9, 11, 13, 15, ...: not a finite number (got 'HH')",
+        ),
+        ("low = 0.0\nhigh = 10.0", 'levels = ["near", "far"]', "x: runs 1, 7, 13, 19, 25: unknown level (got 5.0)"),
+    ],
+)
+@pytest.mark.parametrize("command", ["status", "fit", "check", "report", "propose"])
+def test_a_factor_that_became_of_another_kind_is_refused(tmp_path, old, new, says, command) -> None:
+    rows = [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(quadratic(30))]
+    folder = make(tmp_path / "c", X + FREQUENCY + POL, rows)
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text("utf-8").replace(old, new), "utf-8")
+    done = CliRunner().invoke(app, [command, str(folder)])
+    assert done.exit_code == 2, done.exception
+    assert says in done.stderr
+    assert "campaign.toml was changed since" in done.stderr
+
+
+@pytest.mark.parametrize(("goal", "word"), [("maximize", "Gain"), ("minimize", "Difference")])
+def test_a_rise_of_a_score_to_be_minimized_is_no_gain(tmp_path, goal, word) -> None:
+    rows = [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(quadratic(30))]
+    folder = make(tmp_path / "c", X + FREQUENCY + POL, rows, application=f'{MEASURED}goal = "{goal}"\n')
+    shown = CliRunner().invoke(app, ["fit", str(folder)]).stdout
+    title = next(text for text in shown.splitlines() if "Pr(better)" in text)
+    assert (word in title, f"interval of the {word.lower()} allows" in " ".join(shown.split())) == (True, True)

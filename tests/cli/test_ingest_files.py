@@ -408,6 +408,12 @@ def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
     assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 5 + ["issued"]
 
 
+def test_rankings_the_wrong_way_round_are_named(ranked):
+    assert "against" not in ranked.ingest(ranking_file(ann="1 2 3 4 5 6", bob="1 2 4 3 5 6"))
+    says = " ".join(ranked.ingest(ranking_file(cy="6 5 4 3 2 1"), name="cy.csv").split())
+    assert "Ranked against the scores by cy: is 1 the rank of the best image?" in says
+
+
 def test_rankings_that_are_all_void_say_nothing(ranked):
     ranked.ingest(ranking_file(ann="1 2 3"))
     ranked.call("void", "--ranking", 1, "--why", "a slip")

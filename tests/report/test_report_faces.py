@@ -346,6 +346,10 @@ def test_a_compromise_opens_the_summary(flight):
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"
     ]  # fmt: skip
+    missed = dataclasses.replace(found.given_up[0], desirability=0.0)
+    found = dataclasses.replace(found, given_up=(missed,))
+    sentence = build_report(two_uses(flight, compromise=found)).sections[0].blocks[1]
+    assert "It is unacceptable for first use: no setting was found that is acceptable for all." in sentence.text
 
 
 @pytest.mark.parametrize(("apart", "width"), [(1e-9, (2.0, 2.46)), (50.0, (55.0, 55.0 * 120.0 / 63.0))])

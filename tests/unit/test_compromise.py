@@ -38,6 +38,35 @@ def test_desirability_by_hand() -> None:
     np.testing.assert_allclose(desirability(values, "maximize", 50, 50), 1.0)
 
 
+def test_what_nothing_reaches_is_unacceptable_and_what_all_surpass_is_ideal() -> None:
+    beyond = [
+        Objective("x", "maximize", 1.0, bowl((0.0, 0.0)), unacceptable=120.0),
+        Objective("cost", "minimize", 1.0, lambda p: 50.0 + p[:, 0], unacceptable=40.0),
+        Objective("noise", "minimize", 1.0, lambda p: 50.0 + p[:, 0], ideal=60.0),
+        Objective("y", "maximize", 1.0, bowl((0.0, 0.0)), ideal=10.0),
+    ]
+    found = compromise(BOX, beyond)
+    assert [row.desirability for row in found.given_up] == [0.0, 0.0, 1.0, 1.0]
+    assert found.desirability == 0.0
+    # The others decide, of every draw too.
+    drawn = replace(beyond[0], draws=lambda p: np.tile(beyond[0].mean(p), (5, 1)))
+    wanted = Objective("reach", "maximize", 1.0, lambda p: p[:, 1], unacceptable=-2.0)
+    found = compromise(BOX, [drawn, wanted])
+    assert found.settings["b"] == 1.0
+    assert (found.credible["b"].low, found.credible["b"].high) == (1.0, 1.0)
+
+
+def test_what_is_unacceptable_to_the_lightest_objective_is_no_compromise() -> None:
+    # At a > 0.2 y is unacceptable; a = 1 is best for x, whose weight is 99 times that of y.
+    x = Objective("x", "maximize", 0.99, lambda p: np.exp(3.0 * p[:, 0]), unacceptable=0.0)
+    y = Objective("y", "maximize", 0.01, lambda p: 0.2 - p[:, 0], unacceptable=0.0, ideal=1.2)
+    found = compromise(BOX, [x, y])
+    a = np.linspace(-1.0, 0.2, 200_001)[:-1]
+    geometric = (np.exp(3.0 * a) / np.exp(3.0)) ** 0.99 * ((0.2 - a) / 1.2) ** 0.01
+    assert found.settings["a"] == pytest.approx(a[np.argmax(geometric)], abs=0.005)
+    assert found.desirability == pytest.approx(geometric.max(), rel=0.02)
+
+
 def test_front_against_all_pairs() -> None:
     rng = np.random.default_rng(1)
     values = np.round(rng.uniform(size=(120, 3)), 1)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 import statsmodels.api as sm
 from scipy.optimize import brentq
+from scipy.stats import betabinom
 from scipy.stats import t as student
+from scored_campaigns import numeric
 from statsmodels.stats.proportion import proportion_confint
 
 from seqrsm.analysis.scale import ResponseScale
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.decide.confirmation import counted_confirmation
 from seqrsm.errors import FitError
 from seqrsm.fit.least_squares import fit_least_squares
@@ -177,3 +181,25 @@ def test_a_quadratic_of_counts_is_not_refuted(top):
         dispersion.append(fit.s**2 / scale.variance_unit)
     assert np.mean(refuted) < 0.10  # standard error 0.01
     assert np.mean(dispersion) == pytest.approx(1.0, abs=0.06)
+
+
+def test_noise_floor_of_counts_is_that_of_the_beta_binomial(tmp_path):
+    """Near 98 % logits foretell 1.4 times the scatter to the low side: the floor was above what had been reached."""
+    rng, n = np.random.default_rng(5), 200
+    x = np.tile(np.linspace(-1.0, 1.0, 5), 12)
+    p = 1.0 / (1.0 + np.exp(-(4.2 + 0.5 * x - 0.6 * x**2)))
+    correct = rng.binomial(n, rng.beta(99.0 * p, 99.0 * (1.0 - p)))
+    (tmp_path / "campaign.toml").write_text(
+        f'[campaign]\nname = "test"\n{numeric(1)}[[application]]\nname = "cover"\nutility = "percent_correct"\n'
+        '[model]\nresponse = "logit"\nerrors = "beta_binomial"\n[stop]\nhalf_width = 1.0\nmax_runs = 100\n',
+        "utf-8",
+    )
+    made = Campaign.open(tmp_path)
+    table = pd.DataFrame({"x0": x, "n": n, "correct": correct, "note": range(60)})
+    made.ingest(table)
+    (found,) = made.analyse_all()
+    share = (found.optimum.mean + found.optimum.optimism) / 100.0
+    of_run = 1.0 / float(found.posterior.sampler["correlation"]) - 1.0
+    ends = betabinom.ppf([0.025, 0.975], n, share * of_run, (1.0 - share) * of_run)
+    assert found.decision.noise_floor == pytest.approx(np.ptp(ends) / n * 50.0, rel=0.15)
+    assert found.decision.noise_floor < found.optimum.prediction.half_width

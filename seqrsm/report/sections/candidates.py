@@ -155,7 +155,7 @@ def _share(one: Mapping[str, Any] | None, digits: int) -> Cell:
 def _places(one: Mapping[str, Any], digits: int) -> int:
     """Decimals that the confidence interval of a difference supports, at least none and one more than a score's."""
     low, high = _ends(one)
-    return min(max(decimals_for(0.5 * (high - low)), 0), digits + 1)
+    return min(max(decimals_for(0.5 * (high - low), digits), 0), digits + 1)
 
 
 def _ends(one: Mapping[str, Any], name: str = "confidence") -> tuple[float, float]:

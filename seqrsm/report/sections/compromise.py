@@ -67,7 +67,10 @@ def compromise_summary(region: Region, found: CompromiseEstimate) -> tuple[Block
     drawn = (_front_figure(found),) if len(found.front_settings) > 1 and len(found.given_up) > 1 else ()
     told = told_settings(region, found.settings, _spreads(found))
     settings = listing(setting_phrases(region, told))
-    return (Paragraph(f"Recommended compromise: {settings}.", "lead"), *drawn, _loss_table(found))
+    lead, missed = f"Recommended compromise: {settings}.", [g.name for g in found.given_up if g.desirability == 0.0]
+    if missed:
+        lead += f" It is unacceptable for {listing(missed)}: no setting was found that is acceptable for all."
+    return (Paragraph(lead, "lead"), *drawn, _loss_table(found))
 
 
 def _front_figure(found: CompromiseEstimate) -> FigureBlock:

@@ -191,15 +191,14 @@ def _steps(analysis: Analysis) -> list[Block]:
         )
         for step in analysis.steps
     ]
-    unit = analysis.score_unit
+    unit, word = analysis.score_unit, "Gain" if analysis.goal == "maximize" else "Difference"
     columns = (
-        *("Factor", "Change", right("Mean", unit), right("Gain", unit)),
+        *("Factor", "Change", right("Mean", unit), right(word, unit)),
         *(right(f"{level_phrase(analysis)} interval"), right("Pr(better)")),
         *((right("Pr(better here)"), right("Loss if kept", unit)) if on_ground else ()),
     )
-    caption = (
-        "Effect of changing one factor, the others as recommended; the interval of the gain allows for selection bias"
-    )
+    caption = "Effect of changing one factor, the others as recommended; the interval of the "
+    caption += f"{word.lower()} allows for selection bias"
     if on_ground:
         caption += (
             ". Pr(better): on average over the grounds that the tables allow; Pr(better here): on the actual ground, "
