@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
+from seqrsm.analysis.gap import largest_gap
 from seqrsm.analysis.ground import Ground, sds_of_levels
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
@@ -82,7 +83,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add how blocks differ, and the steps.
+        Add how blocks differ, the steps, and where no run was made.
 
     Raises
     ------
@@ -131,6 +132,7 @@ def analyse(
         steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
+        gap=largest_gap(region, fitted.data.points) if thorough else None,
         thorough=thorough,
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from seqrsm.analysis.belief import Belief
 from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.gap import Gap
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
@@ -249,7 +250,8 @@ class Analysis:
 
     ``fitted`` is what all was made from. ``fit`` is on ``scale``; everything else is in score units. ``of_quadratic``
     is the optimum of the fitted quadratic alone, ``optimum`` that of all that is believed. A ``thorough`` analysis adds
-    ``steps``, what each value and level of a factor brings there, and ``blocks``, None where there is one block.
+    ``steps``, what each value and level of a factor brings there, ``gap``, where no run was made, and ``blocks``, None
+    where there is one block.
     ``known_map``: images are held against a map that exists, and not against a guess. ``warnings`` cast doubt on the
     result, ``notes`` say how it was found.
     """
@@ -270,6 +272,7 @@ class Analysis:
     steps: tuple[Step, ...] = ()
     sources: SourceComparison | None = None
     blocks: BlockStudy | None = None
+    gap: Gap | None = None
     thorough: bool = False
     known_map: bool = False
 

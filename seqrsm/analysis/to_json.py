@@ -49,6 +49,7 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     }
     if analysis.thorough:
         document["blocks"] = None if analysis.blocks is None else _blocks(analysis.blocks)
+        document["largest_gap"] = _value(analysis.gap)
         document["diagnostics"] |= _unusual(analysis)
     return document
 

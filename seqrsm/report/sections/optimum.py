@@ -64,6 +64,7 @@ from seqrsm.report.rounding import (
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
+    format_setting,
     half_width_text,
     interval_text,
     level_phrase,
@@ -148,6 +149,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         text = f"{cause} the {watched_interval(stop, counted)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
     blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
+    blocks += _gap(analysis)
     blocks += _steps(analysis)
     blocks += _surfaces(analysis, slice(1, None))  # the first opens the report
     if effects := effects_text(analysis):
@@ -169,6 +171,23 @@ def shape_section(analysis: Analysis, key: str) -> Section:
     sampled = "; ".join(f"{_SAMPLER_WORDS.get(name, readable(name))} {_sampler_value(name, x)}" for name, x in kept)
     blocks.append(Paragraph(f"Posterior computation: {sampled}.", "note"))
     return Section(f"{key}-shape", "Intervals and shape of the surface", tuple(blocks))
+
+
+def _gap(analysis: Analysis) -> list[Block]:
+    """What no interval tells: a peak that no run came near."""
+    if analysis.gap is None:
+        return []
+    factors = {factor.name: factor for factor in analysis.region.factors}
+    ranges = []
+    for name, (low, high) in analysis.gap.ranges.items():
+        first, last = format_setting(factors[name], low, unit=False), format_setting(factors[name], high)
+        ranges.append(f"{readable(name)} {first} to {last}")
+    text = (
+        "Intervals take the score to change smoothly between runs. The largest box without a run has "
+        f"{format_share(analysis.gap.share)} of each factor's coded range: {listing(ranges)}. A peak within it would "
+        "be unseen."
+    )
+    return [Paragraph(text)]
 
 
 def _steps(analysis: Analysis) -> list[Block]:

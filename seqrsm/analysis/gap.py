@@ -1,0 +1,74 @@
+"""Where no run was made: what the scores cannot rule out, for no interval tells of a peak that no run came near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.factors import DiscreteFactor
+from seqrsm.design.region import Region
+
+_SPREAD, _KEPT, _MOVES = 4000, 40, 25  # places at first, those that go on to a round, and how often each moves
+_RADII = 0.3 * 0.7 ** np.arange(14)  # coded, of the rounds
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A box of numeric factors without a run in it, at any level of the categorical ones.
+
+    Attributes
+    ----------
+    share : float
+        Of each continuous factor's range on the coded scale, 0 to 1.
+    ranges : dict
+        Ends of the box, natural units, by the name of the numeric factor; of a discrete one, its levels within.
+    """
+
+    share: float
+    ranges: dict[str, tuple[float, float]]
+
+
+def largest_gap(region: Region, points: FloatArray) -> Gap | None:
+    """The largest box without a run, with sides that are equal on the coded scale and its centre in the region.
+
+    Parameters
+    ----------
+    region : Region
+    points : ndarray (n, k)
+        Coded settings of the runs.
+
+    Returns
+    -------
+    Gap or None
+        None without continuous factors. Found by a search, so that a box larger by a percent or two may be missed.
+    """
+    free, numeric, rng = list(region.continuous), list(region.numeric), np.random.default_rng(0)
+    if not free:
+        return None
+    runs = np.unique(points[:, numeric], axis=0)
+
+    def half_sides(at: FloatArray) -> FloatArray:
+        found: FloatArray = 1.0 - np.max(np.abs(at[:, free]), axis=1)  # the box lies within the ranges
+        for run in runs:
+            np.minimum(found, np.max(np.abs(at[:, numeric] - run), axis=1), out=found)
+        return found
+
+    at = region.sample(_SPREAD, rng)
+    for radius in _RADII:
+        at = at[np.argsort(-half_sides(at))[:_KEPT]]
+        moved = region.jitter(np.repeat(at, _MOVES, axis=0), radius, rng)
+        at = np.vstack([at, moved[region.feasible(moved)]])
+    sides = half_sides(at)
+    centre, half = at[np.argmax(sides)], float(np.max(sides))
+    ends = np.tile(centre, (2, 1))
+    for j in numeric:
+        ends[:, j] = centre[j] - half, centre[j] + half
+        factor = region.factors[j]
+        if isinstance(factor, DiscreteFactor):
+            within = factor.coded_levels[np.abs(factor.coded_levels - centre[j]) < max(half - 1e-9, 1e-9)]
+            ends[:, j] = within.min(), within.max()
+    low, high = region.decode(ends)
+    names = [region.names[j] for j in numeric]
+    return Gap(half, {name: (float(low[name]), float(high[name])) for name in names})
