@@ -116,6 +116,8 @@ def test_a_future_share_of_few_decisions_is_foretold_as_it_is_scored():
     together = scale.centred(10.0 * correct, trials)
     assert np.mean(together) == pytest.approx(np.log(54.5 / 6.5), rel=1e-12)
     np.testing.assert_allclose(together - together[0], scale.values - scale.values[0], rtol=1e-12)
+    unequal = scale.centred(np.array([50.0, 90.0]), np.array([10.0, 90.0]))  # 86 of 100
+    assert np.mean(unequal) == pytest.approx(np.log(86.5 / 14.5), rel=1e-12)
 
 
 @pytest.mark.parametrize(("trials", "top", "most"), [(10, 2.9, 0.8), (20, 2.9, 0.8), (100, 3.8, 0.93)])

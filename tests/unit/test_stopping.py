@@ -193,6 +193,9 @@ def test_unreachable_targets_are_explained() -> None:
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
     assert "60 runs cannot reach" in budget
     assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
+    # One degree of freedom: Student's t is 12.7, not 2.
+    one = StopRule(half_width=10.0, max_runs=16, guard="confirmation")
+    assert "16 runs cannot reach a half-width of 10" in target_problem(one, 1.0, 15)
     assert "no degree of freedom" in target_problem(
         StopRule(half_width=5.0, max_runs=15, guard="confirmation"), 2.0, 15
     )

@@ -109,3 +109,18 @@ def test_mean_of_a_logit_fit_is_covered_however_many_runs() -> None:
     ours, control = np.mean(np.reshape(covered, (-1, 2)), axis=0)
     assert 0.90 < ours < 0.98
     assert control < 0.5
+
+
+@pytest.mark.parametrize("trials", [None, 400.0])
+def test_a_future_run_weighs_as_one_that_was_made_where_as_much_is_expected(trials) -> None:
+    """Without counts by (p (1 - p))^2, the delta method for equal variance in percent; with counts by p (1 - p)."""
+    Z = np.column_stack([np.ones(60), np.linspace(-1.0, 1.0, 60)])
+    scores = 100.0 * expit(Z @ [1.0, 1.5])
+    made = ResponseScale.of("logit", scores, Z)
+    power = 2
+    if trials is not None:
+        made, power = ResponseScale.of_counts("logit", scores, np.full(60, trials), Z), 1
+    shares = np.array([0.5, 0.8, 0.92])
+    weights = made.weight_at(np.log(shares / (1.0 - shares)))
+    assert weights / weights[0] == pytest.approx((4.0 * shares * (1.0 - shares)) ** power, rel=0.03)
+    assert made.weight_at(Z @ [1.0, 1.5]) == pytest.approx(made.weights, rel=0.03)

@@ -1,0 +1,71 @@
+"""A sensor inside the region against the optimum, by the fitted surface: Student's t of a difference, and its draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from test_steps import analysis
+
+from seqrsm.analysis.candidates import Sufficing, by_surface
+
+OPTIMISM, SD_DIFFERENCE, SD_SCORE, DRAWS = 0.5, 1.5, 4.0, 400_000
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    made = analysis(tmp_path_factory.mktemp("candidates"))
+    assert made.fitted.departure.process is None
+    return made
+
+
+def told(found, points, rule, optimism=OPTIMISM):
+    sds, terms = (SD_DIFFERENCE, SD_SCORE), found.posterior.term_draws
+    return by_surface(found.belief, found.scale, points, terms, rule, 0.95, sds, optimism, np.random.default_rng(1))
+
+
+def expected(found, points):
+    """Means of the two settings, and what draws of the two by Student's distribution of the fit depart from them by."""
+    fit, rows, rng = found.fit, found.model.matrix(points), np.random.default_rng(2)
+    normal = rng.multivariate_normal(np.zeros(2), fit.s**2 * rows @ fit.covariance_unscaled @ rows.T, DRAWS)
+    scale = np.sqrt(fit.df_residual / rng.chisquare(fit.df_residual, DRAWS))
+    return rows @ fit.estimate, normal * scale[:, None], rng
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sensor_not_better_has_the_t_interval_of_the_difference(found, sign: float) -> None:
+    low, high = np.array([-1.0, -0.5, 1.0]), np.array([1.0, 0.4, 2.0])
+    points = np.array([low, high] if sign > 0.0 else [high, low])
+    means, scatter, rng = expected(found, points)
+    shift = means[0] - means[1] + sign * OPTIMISM
+    assert sign * shift < -1.0
+    rule = Sufficing(0.8 * shift, True, sign)
+    one = told(found, points, rule, sign * OPTIMISM)
+    assert one.score == pytest.approx(means[0])
+    assert one.difference == pytest.approx(shift)
+    row, fit = np.subtract(*found.model.matrix(points)), found.fit
+    half = float(stats.t.ppf(0.975, fit.df_residual) * fit.s * np.sqrt(row @ fit.covariance_unscaled @ row))
+    wanted = [shift - half - max(sign, 0.0) * OPTIMISM, shift + half - min(sign, 0.0) * OPTIMISM]
+    assert [one.confidence.low, one.confidence.high] == pytest.approx(wanted, abs=0.1 * half)
+    future = shift + scatter[:, 0] - scatter[:, 1] + SD_DIFFERENCE * rng.standard_normal(DRAWS)
+    ends = np.quantile(future, [0.025, 0.975]) - OPTIMISM * np.array([max(sign, 0.0), min(sign, 0.0)])
+    assert [one.one_ground.low, one.one_ground.high] == pytest.approx(ends, abs=0.08 * np.ptp(ends))
+    assert one.probability == pytest.approx(np.mean(sign * (future - rule.score) >= 0.0), abs=0.03)
+
+
+def test_a_sensor_that_seems_better_is_told_as_good_as_the_optimum(found) -> None:
+    points = np.array([[1.0, 0.4, 2.0], [-1.0, -0.5, 1.0]])
+    means, _, _ = expected(found, points)
+    assert means[0] > means[1] + 3.0
+    one = told(found, points, Sufficing(0.0, True, 1.0))
+    assert one.difference == pytest.approx(0.0, abs=1e-9)
+    assert one.score == pytest.approx(means[1] - OPTIMISM)
+
+
+def test_a_target_counts_the_score_itself_and_its_own_scatter(found) -> None:
+    points = np.array([[-1.0, -0.5, 1.0], [1.0, 0.4, 2.0]])
+    means, scatter, rng = expected(found, points)
+    future = means[0] + scatter[:, 0] + SD_SCORE * rng.standard_normal(DRAWS)
+    for target in (means[0] - SD_SCORE, means[0] + 2.0):
+        one = told(found, points, Sufficing(float(target), False, 1.0))
+        assert one.probability == pytest.approx(np.mean(future >= target), abs=0.03)
