@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr
 
-from seqrsm.errors import FitError
 from seqrsm.fit.intervals import known, t_quantile
 
 
@@ -61,20 +60,8 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
 
     Its coverage is exact for normal noise whatever the design and the stopping rule were, because the settings were
     fixed before these runs. There are m >= 2 ``scores`` (m,); ``level`` is the two-sided probability, in (0, 1).
-
-    Raises
-    ------
-    FitError
-        Fewer than two scores, or scores that are not finite.
     """
-    values = np.asarray(scores, dtype=np.float64).ravel()
-    if len(values) < 2 or not np.all(np.isfinite(values)):
-        raise FitError(
-            "a confirmation interval needs at least two finite scores",
-            "Make at least five confirmation runs at the recommended settings.",
-            field="scores",
-            value=values.tolist(),
-        )
+    values = np.asarray(scores, dtype=np.float64)
     mean, s = float(values.mean()), float(values.std(ddof=1))
     half = float(t_quantile(len(values) - 1, level)) * s / np.sqrt(len(values))
     return ConfirmationInterval(mean, mean - half, mean + half, len(values), level)
@@ -92,16 +79,8 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
     are independent) and Student's t for it. It does not leave 0 to 100 and is skewed as counts are. With fewer than ten
     right or wrong decisions phi is next to unknown; then the interval holds that of independent decisions, too. Of each
     run 0 <= correct <= trials, (m,); ``level`` is the two-sided probability, in (0, 1).
-
-    Raises
-    ------
-    FitError
-        Fewer than two runs, or counts that are none.
     """
-    right, n = np.asarray(correct, dtype=np.float64).ravel(), np.asarray(trials, dtype=np.float64).ravel()
-    if len(right) < 2 or len(right) != len(n) or not np.all((n >= 1.0) & (right >= 0.0) & (right <= n)):
-        remedy = "Give correct and n of at least two confirmation runs, 0 <= correct <= n."
-        raise FitError("these are not counts of confirmation runs", remedy, field="correct", value=right.tolist())
+    right, n = np.asarray(correct, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     total, m = float(n.sum()), len(n)
     share = float(right.sum()) / total
     spread = float(np.sum(n * (right / n - share) ** 2)) / (m - 1)

@@ -26,7 +26,6 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import mixture_interval
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.linear_system import check_runs
 
 _LOG_ROOT = np.linspace(-7.0, 7.0, 57)  # log sqrt(rho): prior mass outside is below 1e-3 at either end
 _FEW_DAYS = 4
@@ -137,11 +136,10 @@ def fit_random_blocks(
     Raises
     ------
     FitError
-        Scores that cannot be used, a single day, no residual degrees of freedom, or terms the runs cannot tell apart.
+        A single day, no residual degrees of freedom, or terms the runs cannot tell apart.
     """
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-    check_runs(Z, y, w, Z.shape[1])
     names = tuple(dict.fromkeys(days))
     n, p = Z.shape
     if len(names) < 2:

@@ -28,7 +28,6 @@ from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
 from seqrsm.fit.intervals import Interval
-from seqrsm.fit.linear_system import check_runs
 
 MOST = 60  # times the draws wanted, before rejection gives up
 _MOST_SECANTS = 100
@@ -167,8 +166,6 @@ def mixture_interval(
     level: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> Interval:
     """Equal-tailed interval of each mixture."""
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must lie between 0 and 1, got {level}")
     tail = 0.5 * (1.0 - level)
     return Interval(
         mixture_quantile(tail, shares, df, centre, scale), mixture_quantile(1.0 - tail, shares, df, centre, scale)
@@ -270,12 +267,11 @@ def posterior(
     Raises
     ------
     FitError
-        Runs and prior together leave a coefficient or sigma undetermined, or a score is not finite.
+        Runs and prior together leave a coefficient or sigma undetermined.
     """
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     n, p = Z.shape
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    check_runs(Z, y, w, p)
     if prior is None or isinstance(prior, Flat):
         prior = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
     root = np.sqrt(w)

@@ -66,8 +66,6 @@ def _split(chains: FloatArray) -> FloatArray:
     """Each chain cut into halves (2m, n // 2); the middle draw of an odd chain is left out."""
     chains = np.atleast_2d(np.asarray(chains, dtype=np.float64))
     half = chains.shape[1] // 2
-    if half < 2:
-        raise ValueError("at least 4 draws in each chain")
     return np.concatenate([chains[:, :half], chains[:, -half:]])
 
 

@@ -31,7 +31,6 @@ from seqrsm.fit.intervals import (
     sequential_ss,
     t_quantile,
 )
-from seqrsm.fit.linear_system import check_runs
 
 _GROUPS = {
     "block": "blocks",
@@ -168,11 +167,9 @@ class LeastSquaresFit:
     def rows_with_mean_block(self, rows: FloatArray) -> FloatArray:
         """Rows (m, p) from rows without block columns, which are set to 0: the mean of the blocks."""
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
-        model = np.array([kind != "block" for kind in self.kinds])
         if rows.shape[1] == self.n_terms:
             return rows
-        if rows.shape[1] != np.count_nonzero(model):
-            raise ValueError(f"rows have {rows.shape[1]} columns, the model has {self.n_terms} terms")
+        model = np.array([kind != "block" for kind in self.kinds])
         full = np.zeros((rows.shape[0], self.n_terms))
         full[:, model] = rows
         return full
@@ -198,8 +195,6 @@ class LeastSquaresFit:
             Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
             response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
         """
-        if replicates < 1 or np.any(np.asarray(weight) <= 0.0):
-            raise ValueError("replicates must be at least 1 and weight positive")
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
         h, s = self.variance_unscaled(rows), known_scatter(self.s)
@@ -220,8 +215,6 @@ class LeastSquaresFit:
         The extra sum of squares is b'(C_gg)^-1 b over the group.
         """
         group = np.unique(np.asarray(indices, dtype=np.int64))
-        if group.size == 0 or group[0] < 0 or group[-1] >= self.n_terms:
-            raise ValueError(f"indices must name terms 0 ... {self.n_terms - 1}")
         _, R = np.linalg.qr(self.factor[group].T)
         df, wald = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
         ss = wald * self.inflation
@@ -301,6 +294,21 @@ def known_scatter(s: float) -> float:
     return s if s > 0.0 else float("nan")
 
 
+def _check_runs(Z: FloatArray, y: FloatArray, weights: FloatArray) -> None:
+    """Refuse runs whose score, weight or setting cannot be used, all at once and by number."""
+    problems = []
+    for bad, what in (
+        (~np.isfinite(y), "a score that is not a finite number"),
+        (~(np.isfinite(weights) & (weights > 0.0)), "a weight that is not a positive finite number"),
+        (~np.all(np.isfinite(Z), axis=1), "a setting that is not a finite number"),
+    ):
+        if np.any(bad):
+            runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
+            problems.append(Problem(f"run {runs} (counted from 1) has {what}", "void it or correct it"))
+    if problems:
+        raise FitError(*problems)
+
+
 def fit_least_squares(
     Z: FloatArray,
     y: FloatArray,
@@ -345,7 +353,7 @@ def fit_least_squares(
     w = np.ones(y.shape[0]) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
     names = tuple(term if isinstance(term, str) else term.name for term in terms)
     kinds = tuple("block" if isinstance(term, str) else term.kind for term in terms)
-    check_runs(Z, y, w, len(names))
+    _check_runs(Z, y, w)
     if y.size < len(names):
         remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
         raise FitError(f"{y.size} runs cannot determine {len(names)} terms", remedy)
@@ -402,8 +410,8 @@ def fit_least_squares(
         Z=Z,
         y=y,
         weights=w,
-        setting_ids=group_index(setting_ids, n),
-        block_ids=group_index(block_ids, n),
+        setting_ids=group_index(setting_ids),
+        block_ids=group_index(block_ids),
         factor=np.sqrt(inflation) * L,
         inflation=inflation,
     )

@@ -72,15 +72,6 @@ def sign_of(goal: Goal) -> float:
     return 1.0 if goal == "maximize" else -1.0
 
 
-def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
-    if goal not in ("maximize", "minimize"):
-        raise ValueError(f"goal must be 'maximize' or 'minimize', not {goal!r}")
-    found: FloatArray = np.asarray(betas, dtype=np.float64) * sign_of(goal)
-    if not np.all(np.isfinite(found)):
-        raise ValueError("the coefficients must be finite")
-    return found
-
-
 def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal = "maximize") -> Optimum:
     """Global optimum of a fitted surface, of coded coefficients ``beta`` (p,), over the region.
 
@@ -89,7 +80,7 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     exact line searches over the feasible intervals; the result is feasible and never worse than any candidate of the
     region.
     """
-    signed = _signed(beta, goal)[None, :]
+    signed = sign_of(goal) * beta[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good
         point, value, ties, flat, exact = region.centre(), float(signed[0, 0]), np.empty((0, region.k)), True, True
     elif region.is_box:
@@ -250,7 +241,7 @@ def optimum_draws(
     some 1e-4 of the surface's range, now and then by 1e-2. Where all coded coefficients ``betas`` (m, p) but the first
     are 0 every setting is as good, and the point is a random one.
     """
-    signed = _signed(betas, goal)
+    signed = sign_of(goal) * betas
     m = len(signed)
     points, values = np.zeros((m, region.k)), np.full(m, -np.inf)
     if m and region.is_box:

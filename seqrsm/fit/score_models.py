@@ -11,8 +11,6 @@ import numpy as np
 from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import FitError
-from seqrsm.fit.linear_system import check_runs
 from seqrsm.fit.target import GeneralModel
 
 _INDEPENDENCE = 9.0  # second parameter of the prior of the correlation within a run
@@ -41,8 +39,6 @@ class CoefficientPrior:
         """A start (p,) moved inside the bounds, and these, (p,) each."""
         low = np.full(start.size, -np.inf) if self.low is None else self.low
         high = np.full(start.size, np.inf) if self.high is None else self.high
-        if np.any(low >= high):
-            raise FitError("a coefficient's bounds are empty", "Give low < high.")
         inner = np.where(np.isfinite(high - low), 0.02 * (high - low), 0.02 * np.abs(start) + 1e-3)
         return np.clip(start, low + inner, high - inner), low, high
 
@@ -60,19 +56,9 @@ def beta_binomial_model(
     The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior Beta(1, 9),
     which expects 0.1. The variance is binomial times 1 + (trials - 1) correlation. Z is (n, p); counts (n,), 0 <=
     correct <= trials, trials > 0, need not be whole numbers (effective counts); the prior is on the logit scale.
-
-    Raises
-    ------
-    FitError
-        Counts outside their limits; the runs are named.
     """
     Z = np.asarray(Z, dtype=np.float64)
     c, m = np.asarray(correct, dtype=np.float64), np.asarray(trials, dtype=np.float64)
-    check_runs(Z, c, np.ones(c.shape), Z.shape[1])
-    bad = ~((m > 0.0) & np.isfinite(m) & (c >= 0.0) & (c <= m))
-    if np.any(bad):
-        runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
-        raise FitError(f"run {runs} (counted from 1) has counts that cannot be", "Give 0 <= correct <= trials.")
     logit = np.log((c + 0.5) / (m - c + 0.5))
     start, low, high = prior.bounded(np.asarray(np.linalg.lstsq(Z, logit, rcond=None)[0], dtype=np.float64))
     p = Z.shape[1]

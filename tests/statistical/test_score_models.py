@@ -147,14 +147,6 @@ def test_reproducible_and_failures() -> None:
         sample_model(model, seed=9, max_steps=60, min_ess=1e9)
     with pytest.raises(FitError, match="not finite"):
         sample_model(GeneralModel(np.zeros(1), -INF, INF, lambda v: np.full(len(v), -np.inf)), seed=1)
-    with pytest.raises(FitError, match="run 2 "):
-        beta_binomial_model(np.ones((2, 1)), np.array([1.0, 5.0]), np.array([3.0, 4.0]), ONE)
-
-
-def test_bounds_that_leave_nothing_are_refused() -> None:
-    empty = CoefficientPrior(np.zeros(1), np.eye(1), np.array([1.0]), np.array([0.0]))
-    with pytest.raises(FitError, match="bounds"):
-        beta_binomial_model(np.ones((2, 1)), np.array([1.0, 2.0]), np.array([3.0, 4.0]), empty)
 
 
 def test_proposal_density_is_that_of_scipy() -> None:

@@ -201,22 +201,6 @@ def test_blocks_sum_to_zero_and_predictions_are_for_their_mean() -> None:
     assert block_columns(["one"] * 4)[0].shape == (4, 0)
 
 
-def test_arguments_out_of_range() -> None:
-    Z, y = quadratic(10)
-    fit = fit_least_squares(Z, y, terms(6))
-    for call in (
-        lambda: fit.predict(Z, level=1.0),
-        lambda: fit.predict(Z, replicates=0),
-        lambda: fit.predict(Z, weight=-1.0),
-        lambda: fit.predict(Z[:, :4]),
-        lambda: fit.partial_f([]),
-        lambda: fit.partial_f([6]),
-        lambda: fit_least_squares(Z, y[:5], terms(6)),
-    ):
-        with pytest.raises(ValueError):
-            call()
-
-
 def test_double_double_products_are_exact() -> None:
     rng = np.random.default_rng(0)
     A = rng.normal(size=(6, 37)) * 10.0 ** rng.integers(-6, 6, (6, 37))

@@ -198,14 +198,6 @@ def test_cube_without_coordinates() -> None:
     np.testing.assert_array_equal(values, [2.0, 3.0])
 
 
-def test_impossible_arguments_are_refused() -> None:
-    model, region = cube(2)
-    with pytest.raises(ValueError, match="goal"):
-        optimum(model, region, np.zeros(model.p), "largest")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="finite"):
-        optimum(model, region, np.full(model.p, np.nan))
-
-
 def test_at_bound_names_numeric_factors_only() -> None:
     _, factors = mixed()
     point = np.array([-1.0, 1.0, 0.2, 1.0, -1.0])

@@ -10,7 +10,6 @@ from scipy import stats
 
 from seqrsm.decide.confirmation import Agreement, ConfirmationInterval, confirmation_agrees, confirmation_interval
 from seqrsm.decide.stopping import Decision, Look, StopRule, decide, target_problem
-from seqrsm.errors import FitError
 from seqrsm.fit.intervals import t_quantile
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -222,9 +221,6 @@ def test_confirmation_interval_is_the_t_interval() -> None:
     low, high = stats.t.interval(0.9, 4, np.mean(scores), stats.sem(scores))
     assert (found.low, found.high) == (pytest.approx(low), pytest.approx(high))
     assert found.half_width == pytest.approx((high - low) / 2)
-    for bad in ([], [70.0], [70.0, float("nan")]):
-        with pytest.raises(FitError):
-            confirmation_interval(bad)
 
 
 def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
