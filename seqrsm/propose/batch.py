@@ -59,7 +59,7 @@ def propose_batch(
         return ()
     source = Source() if source is None else source
     known = Known(model, region, evidence, sought, source.weight)
-    criteria = [make(known, n) for make, _ in plan]
+    criteria = [make(known) for make, _ in plan]
     search = Search(known, source, np.random.default_rng(seed), evidence)
     proposals = []
     for i in range(n):

@@ -51,8 +51,8 @@ class Criterion(Protocol):
         """The next run."""
 
 
-MakeCriterion = Callable[[Known, int], Criterion]
-"""A criterion for a batch of so many runs; what is known follows the runs taken."""
+MakeCriterion = Callable[[Known], Criterion]
+"""A criterion for a batch; what is known follows the runs taken."""
 
 
 class Greedy:
@@ -60,8 +60,8 @@ class Greedy:
 
     among: Literal["all", "executed", "new"] = "all"
 
-    def __init__(self, known: Known, n: int) -> None:
-        self.known, self.n = known, n
+    def __init__(self, known: Known) -> None:
+        self.known = known
 
     def gain(self, rows: FloatArray) -> FloatArray:
         """What a run at each of the model rows (n, p) would gain, (n,)."""
@@ -137,9 +137,8 @@ class Repeat(Optimum):
 class Testing:
     """Keeps the model testable: repeats until there is enough pure error, from then on the least known places."""
 
-    def __init__(self, known: Known, n: int) -> None:
-        self._known = known
-        self._repeat, self._spread = Repeat(known, n), Spread(known, n)
+    def __init__(self, known: Known) -> None:
+        self._known, self._repeat, self._spread = known, Repeat(known), Spread(known)
 
     def propose(self, search: Search) -> Proposal:
         """The next run."""

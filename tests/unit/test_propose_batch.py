@@ -65,11 +65,11 @@ def covariance(Z: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def linear_gain(C: np.ndarray, W: np.ndarray, Z: np.ndarray, weight: float = 1.0) -> np.ndarray:
-    return Optimum(SimpleNamespace(C=C, value=W, regret=0.0 * W, weight=weight), 1).gain(Z)
+    return Optimum(SimpleNamespace(C=C, value=W, regret=0.0 * W, weight=weight)).gain(Z)
 
 
 def information_gain(C: np.ndarray, Z: np.ndarray, weight: float = 1.0) -> np.ndarray:
-    return Spread(SimpleNamespace(C=C, weight=weight), 1).gain(Z)
+    return Spread(SimpleNamespace(C=C, weight=weight)).gain(Z)
 
 
 def test_rank_one_gain_is_the_drop_of_the_variance() -> None:
@@ -177,7 +177,7 @@ def test_criteria_of_a_plan_have_their_shares_of_a_campaign(shares: tuple[float,
             return Proposal(search.candidates.points[0], str(self.name), 0.0, "", True)
 
     data = campaign(2)
-    plan = [(lambda known, n, name=name: Counted(name), share) for name, share in enumerate(shares)]
+    plan = [(lambda known, name=name: Counted(name), share) for name, share in enumerate(shares)]
     sought = Sought(data["x_hat"], data["target_points"])
     turns = []
     for before, n in ((0, 90), (90, 1), (91, 29)):
