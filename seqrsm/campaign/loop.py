@@ -22,8 +22,10 @@ from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
 from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]
+
 WAIT_S = 1.0
 """How often runs in the hands of another process are looked at [s]."""
+_BROKEN_BATCHES = 3  # in a row, without any score: the campaign ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,12 +218,11 @@ class _ClosedLoop:
             raise UserError(text, remedy)
         if not made or any(run.state != "failed" for run in made):
             return
-        attempts = self.campaign.spec.attempts
         runs = [run for run in self.campaign.store.runs(source="simulation") if run.state in ("scored", "failed")]
-        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[:attempts]
+        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[:_BROKEN_BATCHES]
         last = [run for run in runs if run.batch in batches]
         never = not any(run.state == "scored" for run in runs)
-        if never or (len(batches) == attempts and all(run.state == "failed" for run in last)):
+        if never or (len(batches) == _BROKEN_BATCHES and all(run.state == "failed" for run in last)):
             reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
             raise UserError(
                 *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])

@@ -4,8 +4,7 @@ The tables and keys of the file. Keys without a default are required; unknown ke
 
 ``[campaign]``
     ``name``; ``description`` (""), the subtitle of the report, with ``author`` and ``date`` (""); ``seed`` (0): an
-    integer >= 0 that fixes all random numbers; ``batch`` (4): runs proposed at a time; ``attempts`` (3): batches
-    in a row without any score after which the campaign ends.
+    integer >= 0 that fixes all random numbers; ``batch`` (4): runs proposed at a time.
 ``[[factor]]``, one or more
     ``name``: with a simulator, a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; for a sensor
     parameter its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
@@ -141,7 +140,7 @@ class CampaignSpec:
     ----------
     folder : Path
         The campaign's folder.
-    name, description, author, date, seed, batch, attempts :
+    name, description, author, date, seed, batch :
         Of ``[campaign]``.
     region : Region
         Factors and constraints.
@@ -173,7 +172,6 @@ class CampaignSpec:
     stop: StopSpec
     store_url: str | None
     spec_hash: str
-    attempts: int = 3
     considerations: tuple[ConsiderationSpec, ...] = ()
     candidates: tuple[CandidateSpec, ...] = ()
     author: str = ""

@@ -72,7 +72,6 @@ class CampaignTable(Table):
     date: Annotated[str, BeforeValidator(_day)] = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     batch: Annotated[int, Field(ge=1, le=1000)] = 4
-    attempts: Annotated[int, Field(ge=1, le=100)] = 3
 
 
 class FactorTable(Table):

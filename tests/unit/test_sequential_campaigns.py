@@ -198,7 +198,7 @@ def test_source_that_breaks_later_is_given_up_after_a_few_batches(campaign) -> N
             raise ValueError("disk full")
         return bowl(settings, run_id)
 
-    made = campaign(spec_text(numeric(2), "half_width = 0.1\nmax_runs = 60", more="attempts = 2"), breaks)
+    made = campaign(spec_text(numeric(2), "half_width = 0.1\nmax_runs = 60"), breaks)
     with pytest.raises(UserError, match="disk full"):
         run_campaign(made)
     assert sum(run.state == "failed" for run in made.store.runs()) <= 3 * 4
@@ -457,7 +457,7 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
         ('expr = "100 / resolution"', 'expr = "100 /"', "consideration"),
         ("unacceptable = 40.0", "unacceptable = 40.0\nideal = 30.0", "ideal is not better"),
         ('name = "two"', 'name = "two"\ncriterion = "steepest"', "'criterion' is not a known key"),
-        ('name = "two"', 'name = "two"\nattempts = 0', "attempts"),
+        ('name = "two"', 'name = "two"\nattempts = 3', "'attempts' is not a known key"),
         ("half_width = 4.0", 'half_width = 4.0\nguard = "luck"', "guard"),
         ("[stop]", '[model]\nregion = "fixed"\n[stop]', "'region' is not a known key"),
         ("[stop]", '[model]\nterms = "hierarchical"\n[stop]', "'terms' is not a known key"),
