@@ -161,14 +161,12 @@ class SourceFit:
     ) -> Prediction:
         """Intervals of the flight's mean and of future flights; arguments as in ``LeastSquaresFit.predict``.
 
-        They hold ``level`` of the mixture over the ratio of the variances, the mean in the middle; the standard errors
-        are those of the likeliest ratio.
+        They hold ``level`` of the mixture over the ratio of the variances, the mean in the middle; the standard error
+        is that of the likeliest ratio.
         """
         full = self.flight_rows(np.atleast_2d(rows))
         mean = full @ self.posterior.mean
         future = replicates * np.asarray(weight, dtype=np.float64)
-        own = self.s**2 / future
-        of_mean = self.s_simulation**2 * self.posterior.variance_unscaled(full)
         off = np.array([full @ one.posterior.mean for one in self.by_ratio]) - mean
         scale = np.array([one.posterior.scale for one in self.by_ratio])[:, None]
         seen = scale**2 * np.array([one.posterior.variance_unscaled(full) for one in self.by_ratio])
@@ -179,8 +177,7 @@ class SourceFit:
             mean,
             Interval(mean - confidence, mean + confidence),
             Interval(mean - prediction, mean + prediction),
-            np.sqrt(of_mean),
-            np.sqrt(own + of_mean),
+            self.s_simulation * np.sqrt(self.posterior.variance_unscaled(full)),
         )
 
     def _half_width(self, off: FloatArray, se: FloatArray, level: float) -> FloatArray:

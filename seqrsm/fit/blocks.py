@@ -98,8 +98,8 @@ class RandomBlockPosterior:
     ) -> Prediction:
         """Mean response of the average day at rows (m, p), and future runs on a new day, which brings its own effect.
 
-        ``weight`` and ``replicates`` as in ``LeastSquaresFit.predict``; all replicates fall on one day. Standard errors
-        are root mean squares over the ratios, with the scatter of the centres.
+        ``weight`` and ``replicates`` as in ``LeastSquaresFit.predict``; all replicates fall on one day. The standard
+        error is a root mean square over the ratios, with the scatter of the centres.
         """
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
         centre = rows @ self.mean.T
@@ -109,11 +109,11 @@ class RandomBlockPosterior:
         new_scale = self.s * np.sqrt(h + self.ratios + own[:, None])
         mean = centre @ self.shares
         between = np.square(centre - mean[:, None])
-        se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]
+        se_mean = np.sqrt((np.square(mean_scale) + between) @ self.shares)
         df = np.array(self.df)
         confidence = mixture_interval(level, self.shares, df, centre, mean_scale)
         prediction = mixture_interval(level, self.shares, df, centre, new_scale)
-        return Prediction(mean, confidence, prediction, se[0], se[1])
+        return Prediction(mean, confidence, prediction, se_mean)
 
 
 def fit_random_blocks(

@@ -35,15 +35,14 @@ class Prediction:
         Of the mean response (RSL TR 380-1 eq. 2-17).
     prediction : Interval
         Of the mean of ``replicates`` future runs (eq. 2-23 with the factor S that is missing in print).
-    se_mean, se_prediction : ndarray (m,)
-        Standard errors behind the two intervals.
+    se_mean : ndarray (m,)
+        Standard error of the mean response.
     """
 
     mean: FloatArray
     confidence: Interval
     prediction: Interval
     se_mean: FloatArray
-    se_prediction: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

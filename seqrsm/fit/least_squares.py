@@ -206,7 +206,6 @@ class LeastSquaresFit:
             Interval(mean - quantile * se_mean, mean + quantile * se_mean),
             Interval(mean - quantile * se_prediction, mean + quantile * se_prediction),
             se_mean,
-            se_prediction,
         )
 
     def partial_f(self, indices: Sequence[int] | IntArray) -> FTest:

@@ -115,7 +115,8 @@ def distribution(belief: Belief, at: int, points: np.ndarray, kind: str, m: int 
     surface, process, share = belief.surface, belief.departure.process, belief.departure.probability
     assert process is not None
     plain = surface.predict(surface.rows(points), 0.95, 1.0, m)
-    se = (plain.se_mean if kind == "confidence" else plain.se_prediction)[at]
+    half = 0.5 * (getattr(plain, kind).high - getattr(plain, kind).low)[at]
+    se = half / stats.t.ppf(0.975, surface.df_residual)
     means, variances = process.marginals(points)
     added = process.noise_variance[:, None] / m if kind == "prediction" else np.zeros_like(means)
     sd = np.sqrt(variances + added)[:, at]

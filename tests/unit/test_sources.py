@@ -59,8 +59,6 @@ def test_posterior_is_least_squares_with_the_prior_as_rows() -> None:
     h = z @ C @ z
     predicted = found.predict(row)
     assert predicted.se_mean[0] == pytest.approx(found.s_simulation * np.sqrt(h), rel=1e-6)
-    expected = np.sqrt(found.s**2 + found.s_simulation**2 * h)
-    assert predicted.se_prediction[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_each_source_has_its_own_variance() -> None:
