@@ -66,11 +66,15 @@ class Departure:
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
         process = self.believed
-        found = errors.run_variance * (1.0 - self.probability) * s**2
+        found = errors.run_variance * (1.0 - self.probability) * s**2 + self.common_variance
         if process is not None:
-            noise = errors.run_variance * process.noise_variance / weight
-            found += self.probability * float(np.mean(noise + process.common_variance))
+            found += self.probability * errors.run_variance * float(np.mean(process.noise_variance)) / weight
         return float(np.sqrt(found))
+
+    @property
+    def common_variance(self) -> float:
+        """Of what future runs have in common by the process, times its probability: median, as `Surface.common_sd`."""
+        return 0.0 if self.believed is None else self.probability * float(np.median(self.believed.common_variance))
 
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
@@ -187,9 +191,8 @@ class Belief:
     @property
     def common_sd(self) -> float:
         """Standard deviation of what future runs made together have in common: a new block, where blocks are random."""
-        process, share = self.departure.believed, self.departure.probability
-        of_process = 0.0 if process is None else share * float(np.mean(process.common_variance))
-        return math.sqrt((1.0 - share) * self.surface.common_sd**2 + of_process)
+        of_quadratic = (1.0 - self.departure.probability) * self.surface.common_sd**2
+        return math.sqrt(of_quadratic + self.departure.common_variance)
 
     def scatter(self, point: FloatArray) -> tuple[float, float]:
         """Standard deviation of a future run, and variance of the mean in its square, at a coded point (k,).

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from seqrsm.analysis.conclude import stop_rule
+from seqrsm.analysis.conclude import stop_rule, with_days
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
@@ -140,6 +140,10 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         covers = scene_at(str(spec.scene_path)).categories
     found = [_so_far_or(one, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)]
     rules = [stop_rule(spec.stop_of(a.name), one.share) for one, a in zip(found, spec.applications, strict=True)]
+    rules = [
+        with_days(rule, analyses[a.name].belief, analyses[a.name].optimum.point) if a.name in analyses else rule
+        for rule, a in zip(rules, spec.applications, strict=True)
+    ]
     floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
     own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
     application, rule, (noise, share, df, source, *_) = spec.applications[own], rules[own], found[own]
@@ -155,7 +159,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
         problem += _by_flights(rule, noise)
     # What the ground adds does not refuse a target: flights may follow.
-    hopeless = target_problem(replace(rule, counts_ground=False), least, model.p, unit) if least > 0.0 else ""
+    hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, model.p, unit) if least > 0.0 else ""
     plans, over = budget.plans(spec.stop.confirmation_runs)
     refused = problem or hopeless if hopeless else ""
     try:

@@ -81,11 +81,6 @@ class RandomBlockPosterior:
         """Posterior mean (p,) of the coefficients: of the average day."""
         return np.asarray(self.shares @ self.mean)
 
-    @property
-    def s_new_day(self) -> float:
-        """Standard deviation of a run of weight 1 on a new day, root mean square over the ratios."""
-        return float(np.sqrt(self.shares @ (np.square(self.s) * (1.0 + self.ratios))))
-
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Independent draws: coefficients (n, p), sigma (n,) and sigma_day (n,)."""
         which = rng.choice(len(self.shares), size=n, p=self.shares)

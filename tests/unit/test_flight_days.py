@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from process_cases import bowl, factors, fitted, hill, spread
-from scored_campaigns import campaign, numeric, specification
+from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis.belief import intervals_by_draws
 from seqrsm.analysis.posterior import draw_coefficients
@@ -43,12 +43,23 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     fitted, surface = flown[1].fitted, flown[1].fitted.surface
     assert isinstance(surface, RandomBlocks)
     found = surface.posterior
-    own, day = found.shares @ np.square(found.s), found.shares @ (np.square(found.s) * found.ratios)
+    own, day = found.sigma**2, found.sigma_day**2
     quadratic = replace(fitted.departure, process=None, probability=0.0)
     for weight in (1.0, 3.0):
         sd = quadratic.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
-    assert surface.common_sd**2 == pytest.approx(day, rel=1e-9)
+    assert surface.common_sd == found.sigma_day
+
+
+@pytest.mark.parametrize("n_days", [2, 3, 5])
+def test_few_days_leave_the_noise_floor_below_the_half_width(tmp_path, n_days: int) -> None:
+    """The mean square of the effects of two days has no end: told was a floor above the interval as it was."""
+    points, rng = np.round(spread(30, 2), 3), np.random.default_rng(n_days)
+    y = bowl(points) + rng.normal(size=30)
+    days = [f"day {i % n_days}" for i in range(30)]
+    text = specification(numeric(2), rest=RANDOM).replace("[stop]", '[stop]\ninterval = "prediction_mean"')
+    analysis = analysed(tmp_path / "c", text, points, y, block=days)
+    assert 0.8 * 1.96 * np.sqrt(1.0 / 5.0) < analysis.decision.noise_floor < analysis.optimum.prediction_mean.half_width
 
 
 def test_days_of_the_process_are_its_own(flown) -> None:
