@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +36,7 @@ def flown(tmp_path_factory) -> tuple[Campaign, Analysis]:
     points = np.round(spread(40, 2), 3)
     text = specification(numeric(2), rest=f'{RANDOM}errors = "student_t"\n')
     folder = tmp_path_factory.mktemp("days") / "c"
-    made = campaign(folder, text, points, bowl(points) + OF_DAYS + NOISE, block=DAYS)
+    made = campaign(folder, text, points, bowl(points) + OF_DAYS + NOISE, source="flight", block=DAYS)
     return made, made.analyse_all(n_draws=400)[0]
 
 
@@ -120,8 +121,33 @@ def test_the_first_run_of_a_new_day_is_judged_by_its_scatter_and_the_days() -> N
     assert block > 4.0 * noise
 
 
+def test_what_a_run_of_a_new_random_day_narrows_is_told(flown) -> None:
+    """By generalized least squares with the ratio of variances found; told was 4 % for 0.3 % and for 5 %."""
+    made, analysis = flown
+    departure = replace(analysis.fitted.departure, process=None, probability=0.0)
+    quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
+    new = next_runs.next_batch(made.spec, [quadratic], made.store.runs(), 3, "flight")
+    surface, at, model = analysis.fitted.surface, analysis.optimum.point, analysis.model
+    ratio = (surface.posterior.sigma_day / surface.posterior.sigma) ** 2
+    points = np.vstack([analysis.fitted.data.points, made.spec.region.code([run.settings for run in new])])
+    day = np.append(np.tile(np.arange(8), 5), [8, 8, 8])
+    weight = analysis.fitted.scale.weight_at(analysis.belief.mean(at[None, :]))
+    w = np.append(np.ones(40), np.repeat(weight, 3))
+    row, h = model.matrix(at[None, :])[0], []
+    for n in range(40, 44):
+        Z, V = model.matrix(points[:n]), np.diag(1.0 / w[:n]) + ratio * (day[:n, None] == day[:n])
+        h.append(row @ np.linalg.solve(Z.T @ np.linalg.solve(V, Z), row))
+    for one, before, after in zip(new, h[:-1], h[1:], strict=True):
+        of_run = 1.0 / weight[0] + ratio
+        told = [float(share) for share in re.findall(r"by ([\d.e-]+) %", one.why)]
+        true = [1.0 - np.sqrt((of_run + after) / (of_run + before)), 1.0 - np.sqrt(after / before)]
+        if one.purpose == "optimum":
+            assert told == pytest.approx([100.0 * share for share in true], rel=0.06, abs=1e-3)
+    assert {"optimum"} <= {one.purpose for one in new}
+
+
 def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Known as a run is, about: neither taken for 0, nor for anything."""
+    """Each day's is one of the days that are seen to differ so much: neither taken for 0, nor for anything."""
     made, analysis = flown
     departure = replace(analysis.fitted.departure, probability=0.0)
     quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
@@ -131,5 +157,6 @@ def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, mo
     (evidence,) = given
     assert not evidence.rows[:, -1].any()  # nobody has flown on that day
     precision = np.asarray(evidence.prior_precision)
-    assert precision[-1, -1] == 1.0
-    assert np.count_nonzero(precision[-1]) == 1
+    found = analysis.fitted.surface.posterior
+    np.testing.assert_allclose(precision[-9:, -9:], (found.sigma / found.sigma_day) ** 2 * np.eye(9), rtol=1e-9)
+    assert np.count_nonzero(precision) == 9
