@@ -73,8 +73,9 @@ class Departure:
 
     @property
     def common_variance(self) -> float:
-        """Of what future runs have in common by the process, times its probability: median, as `Surface.common_sd`."""
-        return 0.0 if self.believed is None else self.probability * float(np.median(self.believed.common_variance))
+        """Of what future runs have in common by the process, times its probability; as `Surface.common_sd` a mean."""
+        of_process = 0.0 if self.believed is None else float(np.mean(np.sqrt(self.believed.common_variance)))
+        return self.probability * of_process**2
 
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
@@ -86,7 +87,7 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     reason = STATED if stated else ""
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and not fit.s > 0.0:
+    if not reason and not surface.s > 0.0:
         left = "the quadratic passes through every score"
         reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
     if not reason and not LEAST_RUNS <= n <= MOST_RUNS:

@@ -355,7 +355,7 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, bes
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
     fit, data, surface = fitted.fit, fitted.data, fitted.surface
     found = []
-    if fit.reason:
+    if fit.reason and not surface.s > 0.0:
         found.append(f"No error estimate: {fit.reason}.")
     labels = block_labels(spec, data)
     if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):

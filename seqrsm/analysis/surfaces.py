@@ -233,8 +233,8 @@ class RandomBlocks(Surface):
 
     @property
     def common_sd(self) -> float:
-        """The block: its most likely value, as over the posterior the mean square of two blocks' has no end."""
-        return self.posterior.sigma_day
+        """The block."""
+        return self.posterior.s_of_days
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""
@@ -361,8 +361,7 @@ def surface_of(
         days = random_blocks(spec, model, data, scale, fit)
         note = f"{days.reason[:1].upper()}{days.reason[1:]}." if days.reason else ""
         # random blocks are no terms
-        s = float(np.hypot(days.sigma, days.sigma_day))
-        return RandomBlocks(*given, days.estimate, s, int(days.df), model.p, note, days)
+        return RandomBlocks(*given, days.estimate, days.s_new_day, int(days.df), model.p, note, days)
     if len(set(data.sources)) == 1:
         return Surface(*given, fit.estimate[: model.p], fit.s, fit.df_residual, fit.n_terms, "")
     flights = np.array([source == "flight" for source in data.sources])

@@ -283,7 +283,7 @@ class _Scatter(NamedTuple):
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
     """By the scores so far, where there are any."""
-    if analysis is None or not analysis.fit.s > 0.0:
+    if analysis is None or not analysis.fitted.surface.s > 0.0:
         return found
     share = found.share if analysis.fitted.ground is None else analysis.fitted.ground_share
     source = f"residuals of {analysis.fit.n_runs} scored runs"
@@ -351,7 +351,7 @@ def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter,
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
     prior, noise, spread, level = application.prior, found.noise, found.spread, found.level
     logit = spec.model.response == "logit"
-    if analysis is not None and analysis.fit.s > 0.0:
+    if analysis is not None and analysis.fitted.surface.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source, logit)
