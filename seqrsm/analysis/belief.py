@@ -66,11 +66,16 @@ class Departure:
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
         process = self.believed
-        found = errors.run_variance * (1.0 - self.probability) * s**2
+        found = errors.run_variance * (1.0 - self.probability) * s**2 + self.common_variance
         if process is not None:
-            noise = errors.run_variance * process.noise_variance / weight
-            found += self.probability * float(np.mean(noise + process.common_variance))
+            found += self.probability * errors.run_variance * float(np.mean(process.noise_variance)) / weight
         return float(np.sqrt(found))
+
+    @property
+    def common_variance(self) -> float:
+        """Of what future runs have in common by the process, times its probability; as `Surface.common_sd` a mean."""
+        of_process = 0.0 if self.believed is None else float(np.mean(np.sqrt(self.believed.common_variance)))
+        return self.probability * of_process**2
 
 
 def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
@@ -82,7 +87,7 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     reason = STATED if stated else ""
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and not fit.s > 0.0:
+    if not reason and not surface.s > 0.0:
         left = "the quadratic passes through every score"
         reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
     if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
@@ -187,9 +192,8 @@ class Belief:
     @property
     def common_sd(self) -> float:
         """Standard deviation of what future runs made together have in common: a new block, where blocks are random."""
-        process, share = self.departure.believed, self.departure.probability
-        of_process = 0.0 if process is None else share * float(np.mean(process.common_variance))
-        return math.sqrt((1.0 - share) * self.surface.common_sd**2 + of_process)
+        of_quadratic = (1.0 - self.departure.probability) * self.surface.common_sd**2
+        return math.sqrt(of_quadratic + self.departure.common_variance)
 
     def scatter(self, point: FloatArray) -> tuple[float, float]:
         """Standard deviation of a future run, and variance of the mean in its square, at a coded point (k,).

@@ -54,6 +54,13 @@ def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
     )
 
 
+def with_days(rule: StopRule, belief: Belief, point: FloatArray) -> StopRule:
+    """The rule where what a new day brings is common to future runs as a ground is, at a coded ``point`` (k,)."""
+    if not belief.common_sd or rule.interval == "confidence":  # which is of the average block
+        return rule
+    return replace(rule, ground_share=(belief.common_sd / belief.scatter(point)[0]) ** 2, counts_ground=True)
+
+
 def analyse(
     spec: CampaignSpec,
     application: ApplicationSpec,
@@ -233,11 +240,9 @@ def _decision(
     agreement: Agreement | None,
     known_map: bool,
 ) -> Decision:
-    rule = stop_rule(spec.stop_of(application.name), fitted.ground_share)
+    rule = with_days(stop_rule(spec.stop_of(application.name), fitted.ground_share), belief, estimate.point)
     fit, surface = fitted.fit, fitted.surface
-    s, h = belief.scatter(estimate.point)
-    if belief.common_sd and rule.interval != "confidence":  # which is of the average block
-        rule = replace(rule, ground_share=(belief.common_sd / s) ** 2, counts_ground=True)
+    _, h = belief.scatter(estimate.point)
     reach = float(t_quantile(np.inf, rule.level))
     of_run = belief.sd_of_run(estimate.point, reach)
     if surface.errors.of_counts:  # which near 100 % scatter less to either side than logits do
@@ -352,7 +357,7 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, bes
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
     fit, data, surface = fitted.fit, fitted.data, fitted.surface
     found = []
-    if fit.reason:
+    if fit.reason and not surface.s > 0.0:
         found.append(f"No error estimate: {fit.reason}.")
     labels = block_labels(spec, data)
     if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):

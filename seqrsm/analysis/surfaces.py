@@ -234,8 +234,7 @@ class RandomBlocks(Surface):
     @property
     def common_sd(self) -> float:
         """The block."""
-        found = self.posterior
-        return float(np.sqrt(found.shares @ (np.square(found.s) * found.ratios)))
+        return self.posterior.s_of_days
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""

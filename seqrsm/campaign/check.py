@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from seqrsm.analysis.conclude import stop_rule
+from seqrsm.analysis.conclude import stop_rule, with_days
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
@@ -140,6 +140,10 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         covers = scene_at(str(spec.scene_path)).categories
     found = [_so_far_or(one, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)]
     rules = [stop_rule(spec.stop_of(a.name), one.share) for one, a in zip(found, spec.applications, strict=True)]
+    rules = [
+        with_days(rule, analyses[a.name].belief, analyses[a.name].optimum.point) if a.name in analyses else rule
+        for rule, a in zip(rules, spec.applications, strict=True)
+    ]
     floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
     own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
     application, rule, (noise, share, df, source, *_) = spec.applications[own], rules[own], found[own]
@@ -155,7 +159,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
         problem += _by_flights(rule, noise)
     # What the ground adds does not refuse a target: flights may follow.
-    hopeless = target_problem(replace(rule, counts_ground=False), least, model.p, unit) if least > 0.0 else ""
+    hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, model.p, unit) if least > 0.0 else ""
     plans, over = budget.plans(spec.stop.confirmation_runs)
     refused = problem or hopeless if hopeless else ""
     try:
@@ -279,7 +283,7 @@ class _Scatter(NamedTuple):
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
     """By the scores so far, where there are any."""
-    if analysis is None or not analysis.fit.s > 0.0:
+    if analysis is None or not analysis.fitted.surface.s > 0.0:
         return found
     share = found.share if analysis.fitted.ground is None else analysis.fitted.ground_share
     source = f"residuals of {analysis.fit.n_runs} scored runs"
@@ -347,7 +351,7 @@ def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter,
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
     prior, noise, spread, level = application.prior, found.noise, found.spread, found.level
     logit = spec.model.response == "logit"
-    if analysis is not None and analysis.fit.s > 0.0:
+    if analysis is not None and analysis.fitted.surface.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source, logit)

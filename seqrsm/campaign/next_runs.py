@@ -34,7 +34,8 @@ CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the initial design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
-_DAY_PRECISION = 1.0  # prior, of a new day's effect: days differ as much as runs do
+_DAY_PRECISION = 1.0  # prior, of a new day's effect beside fixed ones: days differ as much as runs do
+_ALIKE = 1e-6  # least variance of days over that of a run
 _WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
 _IMPROBABLE = 0.15  # a process that proposes no runs
@@ -171,13 +172,18 @@ class _Chooser:
         blocked = self.spec.model.block is not None
         new_day = blocked and source == "flight"
         blocks = [run.block if blocked else "" for run in done]
-        columns = _day_columns(done) if new_day else blocks_within(blocks, flights)
+        surface, of_day, common = self.analysis.fitted.surface, _DAY_PRECISION, 0.0
+        random = not surface.fixed_blocks
+        if random:
+            common = surface.common_sd**2 / (surface.s**2 - surface.common_sd**2)
+            of_day = 1.0 / max(common, _ALIKE)
+        columns = _day_columns(done, random) if new_day else blocks_within(blocks, flights)
         rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
-            effects = np.append(np.zeros(columns.shape[1] - 1), 1.0)
-            rows = lambda at: np.hstack([of_model(at), np.tile(effects, (len(at), 1))])  # noqa: E731
-            precision = _with_day(precision, Z.shape[1] + columns.shape[1])
+            n_days = columns.shape[1]
+            rows = lambda at: np.hstack([of_model(at), np.tile(np.eye(n_days)[-1], (len(at), 1))])  # noqa: E731
+            precision = _with_days(precision, Z.shape[1] + n_days, n_days if random else 1, of_day)
         weights, weight = self.weights(points), float(self.weights(self.target[None, :])[0])
         if two:
             of_flight = self.difference()[1]
@@ -195,18 +201,18 @@ class _Chooser:
                 df_pure_error=df_pure_error,
                 barred=barred if len(barred) else None,
             ),
-            self.sought(two),
+            self.sought(two, common),
             n,
             PLAN if self.analysis.fitted.departure.process is None else FOR_THE_OPTIMUM,
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=batch_seed(self.spec.seed, len(done)),
         )
 
-    def sought(self, two: bool) -> Sought:
-        """Where the optimum is."""
+    def sought(self, two: bool, common: float) -> Sought:
+        """Where the optimum is; see `Sought` for ``common``."""
         found = self.analysis.posterior.optimum_points[:_TARGETS]
         rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
-        return Sought(self.target, found, rows)
+        return Sought(self.target, found, rows, common)
 
     def difference(self) -> tuple[float, float, float]:
         """Prior sd of flights less simulations, weight of a flight, sigma of simulations; expected before flights."""
@@ -230,26 +236,28 @@ class _Chooser:
         return None if prior is None else prior.Lambda0
 
 
-def _day_columns(used: Sequence[_Made]) -> FloatArray:
-    """Contrasts of the blocks flown (n, b - 1), and a column for the day that pending and new runs will be flown on.
+def _day_columns(used: Sequence[_Made], random: bool) -> FloatArray:
+    """Columns of the blocks flown, and one for the day that pending and new runs will be flown on.
 
-    Zeros are the mean of the blocks flown: what the surface is known for now, and the new day is to be compared with.
+    Of random blocks (n, b + 1), about the average of all days; of others contrasts (n, b), whose zeros are the mean of
+    the blocks flown: what the surface is known for now, and the new day is to be compared with.
     """
     flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
     pending = flights & np.array([run.pending for run in used], dtype=np.bool_)
-    flown = blocks_within(np.array([run.block for run in used])[~pending].tolist(), flights[~pending])
+    blocks = np.array([run.block for run in used])[~pending]
+    known = blocks[:, None] == np.unique(blocks)
+    flown = known.astype(np.float64) if random else blocks_within(blocks.tolist(), flights[~pending])
     columns = np.zeros((len(used), flown.shape[1] + 1))
     columns[~pending, :-1] = flown
     columns[pending, -1] = 1.0
     return columns
 
 
-def _with_day(precision: FloatArray | None, size: int) -> FloatArray:
-    """Prior precision (size, size) with that of a new day's effect in the last place."""
-    found = np.zeros((size, size))
+def _with_days(precision: FloatArray | None, size: int, days: int, of_day: float) -> FloatArray:
+    """Prior precision (size, size) with that of effects of days in so many of the last places."""
+    found = np.diag(np.repeat([0.0, of_day], [size - days, days]))
     if precision is not None:
         found[: len(precision), : len(precision)] = precision
-    found[-1, -1] = _DAY_PRECISION
     return found
 
 

@@ -81,9 +81,14 @@ class RandomBlockPosterior:
         return np.asarray(self.shares @ self.mean)
 
     @property
+    def s_of_days(self) -> float:
+        """Posterior mean of the standard deviation of the days; that of its square has no end for two days."""
+        return float(self.shares @ (self.s * np.sqrt(self.ratios)))
+
+    @property
     def s_new_day(self) -> float:
-        """Standard deviation of a run of weight 1 on a new day, root mean square over the ratios."""
-        return float(np.sqrt(self.shares @ (np.square(self.s) * (1.0 + self.ratios))))
+        """Standard deviation of a run of weight 1 on a new day."""
+        return float(np.sqrt(self.shares @ np.square(self.s) + self.s_of_days**2))
 
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Independent draws: coefficients (n, p), sigma (n,) and sigma_day (n,)."""
@@ -218,7 +223,8 @@ def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, 
     # The last column of R holds Q'y and, below it, the length of the residual.
     residual = np.abs(R[:, p, p])
     if np.any(residual <= 1e-13 * np.linalg.norm(white[:, :, p], axis=1)):
-        raise FitError("the model reproduces every score exactly, so no scatter remains")
+        remedy = 'Score more runs, or set [model] block_effect = "fixed".'
+        raise FitError("the model reproduces every score exactly, so no scatter remains", remedy)
     inverse: FloatArray = np.asarray(np.linalg.inv(R[:, :p, :p]), dtype=np.float64)
     log_det_r = np.sum(np.log(np.abs(np.diagonal(R[:, :p, :p], axis1=1, axis2=2))), axis=1)
     log_likelihood = -0.5 * log_det - log_det_r - (n - p) * np.log(residual)

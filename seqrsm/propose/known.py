@@ -72,11 +72,14 @@ class Sought:
     rows : callable, optional
         Model rows of the runs that the campaign is about, where these are not simply those of the model: a simulated
         run has no discrepancy, the flights that it is to predict have.
+    common : float
+        Variance of what a future run has beyond its own error, in units of sigma squared: its day's effect.
     """
 
     x_hat: FloatArray
     points: FloatArray
     rows: Rows | None = None
+    common: float = 0.0
 
 
 class Known:
@@ -119,7 +122,8 @@ class Known:
         h = float(self._z_hat @ self.C @ self._z_hat)
         C = downdate(self.C, row, self.weight)
         h_new = max(float(self._z_hat @ C @ self._z_hat), 0.0)
-        prediction = 1.0 - np.sqrt((1.0 / self.weight + h_new) / (1.0 / self.weight + h))
+        of_run = 1.0 / self.weight + self.sought.common
+        prediction = 1.0 - np.sqrt((of_run + h_new) / (of_run + h))
         confidence = 1.0 - np.sqrt(h_new / h) if h > 0.0 else 0.0
         return (
             f"narrows the prediction interval at the optimum by {percent(prediction)}, the confidence interval of the "

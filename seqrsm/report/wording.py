@@ -253,6 +253,8 @@ def whole_cell(value: int) -> Cell:
 def no_error_estimate(analysis: Analysis) -> str:
     """Why there are no intervals, in words; "" where there are."""
     fit = analysis.fit
+    if math.isfinite(analysis.optimum.confidence.half_width):
+        return ""
     if fit.df_residual == 0:
         return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.n_terms} terms)"
     return "no error estimate: the model passes through every score" if fit.s == 0.0 else ""

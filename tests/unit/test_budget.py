@@ -209,7 +209,7 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
 _TOP = 90.0
 
 
-@pytest.mark.parametrize("kind", ["counts", "beta_binomial", "random", "random logit"])
+@pytest.mark.parametrize("kind", ["counts", "beta_binomial", "random", "random logit", "random mean"])
 def test_check_and_fit_tell_the_scatter_of_a_future_run_at_the_optimum(tmp_path: Path, kind: str) -> None:
     """Counts scatter less at 90 percent than at 60; a run on a new day has the day's effect beside its own error.
 
@@ -227,16 +227,17 @@ def test_check_and_fit_tell_the_scatter_of_a_future_run_at_the_optimum(tmp_path:
         "counts": 'weights = "counts"',
         "beta_binomial": 'errors = "beta_binomial"',
         "random": 'block = "block"\nblock_effect = "random"',
-    }[kind.removesuffix(" logit")] + '\nresponse = "logit"' * logit
+    }[kind.split()[0]] + '\nresponse = "logit"' * logit
     (tmp_path / "campaign.toml").write_text(
         '[campaign]\nname = "m"\nseed = 1\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
         '[[application]]\nname = "score"\nutility = "percent_correct"\n'
-        f"[model]\n{model}\n[stop]\nhalf_width = 20.0\nmax_runs = 300\n",
+        f"[model]\n{model}\n[stop]\nhalf_width = 20.0\nmax_runs = 300\n"
+        f'interval = "{"prediction_mean" if "mean" in kind else "prediction"}"\n',
         encoding="utf-8",
     )
     if "random" in kind:
         scores = mean + rng.normal(0.0, 1.0, x.size)
-        lines, true = [f"{a},{b},d{c}" for a, b, c in zip(x, scores, day, strict=True)], np.hypot(1.5, 1.0)
+        lines, true = [f"{a},{b},d{c}" for a, b, c in zip(x, scores, day, strict=True)], np.hypot(effect.std(), 1.0)
         header = "x,score,block"
     else:
         correlation = 0.02 if kind == "beta_binomial" else 1e-6
@@ -250,5 +251,6 @@ def test_check_and_fit_tell_the_scatter_of_a_future_run_at_the_optimum(tmp_path:
     checked = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
     fitted = json.loads(CliRunner().invoke(app, ["fit", str(tmp_path), "--json"]).stdout)["stop"]
     assert checked["noise"] == pytest.approx(true, rel=0.12)
-    assert fitted["noise_floor"] == pytest.approx(student.ppf(0.975, np.inf) * true, rel=0.2 if logit else 0.12)
+    watched = np.hypot(effect.std(), np.sqrt(0.2)) if "mean" in kind else true  # five runs of one new day
+    assert fitted["noise_floor"] == pytest.approx(student.ppf(0.975, np.inf) * watched, rel=0.2 if logit else 0.12)
     assert checked["plans"][0]["half_width"] == pytest.approx(fitted["half_width"], rel=0.1)

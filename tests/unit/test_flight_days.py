@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from process_cases import bowl, factors, fitted, hill, spread
-from scored_campaigns import campaign, numeric, specification
+from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis.belief import intervals_by_draws
 from seqrsm.analysis.posterior import draw_coefficients
@@ -17,9 +18,11 @@ from seqrsm.analysis.surfaces import RandomBlocks
 from seqrsm.campaign import next_runs
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.region import Region
+from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.process import Blocks
 from seqrsm.propose.cloud import Cloud, propose_from_process
+from seqrsm.report.wording import no_error_estimate
 
 RANDOM = '[model]\nblock = "day"\nblock_effect = "random"\n'
 DAYS = [f"day {i}" for i in range(8)] * 5
@@ -35,7 +38,7 @@ def flown(tmp_path_factory) -> tuple[Campaign, Analysis]:
     points = np.round(spread(40, 2), 3)
     text = specification(numeric(2), rest=f'{RANDOM}errors = "student_t"\n')
     folder = tmp_path_factory.mktemp("days") / "c"
-    made = campaign(folder, text, points, bowl(points) + OF_DAYS + NOISE, block=DAYS)
+    made = campaign(folder, text, points, bowl(points) + OF_DAYS + NOISE, source="flight", block=DAYS)
     return made, made.analyse_all(n_draws=400)[0]
 
 
@@ -43,12 +46,44 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     fitted, surface = flown[1].fitted, flown[1].fitted.surface
     assert isinstance(surface, RandomBlocks)
     found = surface.posterior
-    own, day = found.shares @ np.square(found.s), found.shares @ (np.square(found.s) * found.ratios)
+    own, day = found.shares @ np.square(found.s), surface.common_sd**2
     quadratic = replace(fitted.departure, process=None, probability=0.0)
     for weight in (1.0, 3.0):
         sd = quadratic.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
-    assert surface.common_sd**2 == pytest.approx(day, rel=1e-9)
+    _, _, of_days = found.draws(100_000, np.random.default_rng(1))
+    assert surface.common_sd == pytest.approx(np.mean(of_days), rel=0.05)
+
+
+@pytest.mark.parametrize("n_days", [2, 3, 5])
+def test_few_days_leave_the_noise_floor_below_the_half_width(tmp_path, n_days: int) -> None:
+    """The mean square of the effects of two days has no end: told was a floor above the interval as it was."""
+    points, rng = np.round(spread(30, 2), 3), np.random.default_rng(n_days)
+    y = bowl(points) + rng.normal(size=30)
+    days = [f"day {i % n_days}" for i in range(30)]
+    text = specification(numeric(2), rest=RANDOM).replace("[stop]", '[stop]\ninterval = "prediction_mean"')
+    analysis = analysed(tmp_path / "c", text, points, y, block=days)
+    assert 0.8 * 1.96 * np.sqrt(1.0 / 5.0) < analysis.decision.noise_floor < analysis.optimum.prediction_mean.half_width
+
+
+def test_intervals_of_random_days_are_told_where_constants_would_leave_none(tmp_path) -> None:
+    """Nine runs of a quadratic in two factors on four days: as constants, days take the last degrees of freedom."""
+    points, rng = np.round(spread(9, 2), 3), np.random.default_rng(1)
+    y = bowl(points) + rng.normal(size=9)
+    text = specification(numeric(2), rest=RANDOM)
+    analysis = analysed(tmp_path / "c", text, points, y, block=[f"day {i % 4}" for i in range(9)])
+    assert analysis.fit.df_residual == 0
+    assert analysis.fitted.departure.process is not None
+    assert not any("error estimate" in warning for warning in analysis.warnings)
+    assert no_error_estimate(analysis) == ""
+    assert np.isfinite(analysis.optimum.prediction.half_width)
+
+
+def test_equal_scores_on_random_days_are_refused_with_what_to_do(tmp_path) -> None:
+    with pytest.raises(FitError) as refused:
+        analysed(tmp_path / "c", specification(numeric(2), rest=RANDOM), spread(40, 2), np.full(40, 50.0), block=DAYS)
+    (problem,) = refused.value.problems
+    assert problem.remedy == 'Score more runs, or set [model] block_effect = "fixed".'
 
 
 def test_days_of_the_process_are_its_own(flown) -> None:
@@ -109,8 +144,33 @@ def test_the_first_run_of_a_new_day_is_judged_by_its_scatter_and_the_days() -> N
     assert block > 4.0 * noise
 
 
+def test_what_a_run_of_a_new_random_day_narrows_is_told(flown) -> None:
+    """By generalized least squares with the ratio of variances found; told was 4 % for 0.3 % and for 5 %."""
+    made, analysis = flown
+    departure = replace(analysis.fitted.departure, process=None, probability=0.0)
+    quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
+    new = next_runs.next_batch(made.spec, [quadratic], made.store.runs(), 3, "flight")
+    surface, at, model = analysis.fitted.surface, analysis.optimum.point, analysis.model
+    ratio = surface.common_sd**2 / (surface.s**2 - surface.common_sd**2)
+    points = np.vstack([analysis.fitted.data.points, made.spec.region.code([run.settings for run in new])])
+    day = np.append(np.tile(np.arange(8), 5), [8, 8, 8])
+    weight = analysis.fitted.scale.weight_at(analysis.belief.mean(at[None, :]))
+    w = np.append(np.ones(40), np.repeat(weight, 3))
+    row, h = model.matrix(at[None, :])[0], []
+    for n in range(40, 44):
+        Z, V = model.matrix(points[:n]), np.diag(1.0 / w[:n]) + ratio * (day[:n, None] == day[:n])
+        h.append(row @ np.linalg.solve(Z.T @ np.linalg.solve(V, Z), row))
+    for one, before, after in zip(new, h[:-1], h[1:], strict=True):
+        of_run = 1.0 / weight[0] + ratio
+        told = [float(share) for share in re.findall(r"by ([\d.e-]+) %", one.why)]
+        true = [1.0 - np.sqrt((of_run + after) / (of_run + before)), 1.0 - np.sqrt(after / before)]
+        if one.purpose == "optimum":
+            assert told == pytest.approx([100.0 * share for share in true], rel=0.06, abs=1e-3)
+    assert {"optimum"} <= {one.purpose for one in new}
+
+
 def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Known as a run is, about: neither taken for 0, nor for anything."""
+    """Each day's is one of the days that are seen to differ so much: neither taken for 0, nor for anything."""
     made, analysis = flown
     departure = replace(analysis.fitted.departure, probability=0.0)
     quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
@@ -120,5 +180,6 @@ def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, mo
     (evidence,) = given
     assert not evidence.rows[:, -1].any()  # nobody has flown on that day
     precision = np.asarray(evidence.prior_precision)
-    assert precision[-1, -1] == 1.0
-    assert np.count_nonzero(precision[-1]) == 1
+    ratio = analysis.fitted.surface.common_sd**2 / (analysis.fitted.surface.s**2 - analysis.fitted.surface.common_sd**2)
+    np.testing.assert_allclose(precision[-9:, -9:], np.eye(9) / ratio, rtol=1e-9)
+    assert np.count_nonzero(precision) == 9
