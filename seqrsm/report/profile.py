@@ -45,9 +45,8 @@ def profile(analysis: Analysis) -> dict[str, Any]:
 
     def scores(some: FloatArray) -> FloatArray:
         found = predict(analysis, some)
-        means = (found.mean, found.confidence.low, found.confidence.high)
-        future = (found.prediction.low, found.prediction.high)
-        return np.column_stack([*map(to_score, means), *(to_score(values, 1.0) for values in future)])
+        means, future = (found.mean, found.confidence.low, found.confidence.high), found.prediction
+        return np.column_stack([*map(to_score, means), to_score(future.low, 1.0), to_score(future.high, 1.0)])
 
     # By parts: of many settings and runs the covariances would not stay in the processor's cache.
     table = np.vstack([scores(some) for some in np.array_split(points, len(points) // MOST_NODES + 1)])

@@ -190,21 +190,16 @@ def _weights(frequency_ghz: float) -> FloatArray:
     return np.asarray(((1.0 - share) * chain[lower] + share * chain[lower + 1]) / size)
 
 
+@lru_cache(maxsize=4096)
 def default_mean_sd(quantity: str, category: str, status: str, frequency_ghz: float, channel: str) -> float:
     """Standard deviation of a row's mean by what it rests on: [dB] of sigma0, [1] of emissivity.
 
     The first row of `data/mean_sd.csv` that fits; an empty cell fits everything.
     """
-    rows = _mean_sds(quantity, category, status, "cross" if channel == "HV" else "co")
-    return next(sd for low, high, sd in rows if low <= frequency_ghz < high)
-
-
-@lru_cache(maxsize=256)
-def _mean_sds(quantity: str, category: str, status: str, kind: str) -> tuple[tuple[float, float, float], ...]:
-    """Frequencies from and below which [GHz], and the value, of the rows that fit."""
-    wanted = (("quantity", quantity), ("category", category), ("status", status), ("polarization", kind))
-    return tuple(
-        (float(row.text("low_ghz") or 0.0), float(row.text("high_ghz") or math.inf), float(row.text("mean_sd")))
-        for row in shipped_rows("mean_sd.csv")
-        if all(row.text(name) in ("", value) for name, value in wanted)
-    )
+    kind = "cross" if channel == "HV" else "co"
+    for row in shipped_rows("mean_sd.csv"):
+        wanted = (("quantity", quantity), ("category", category), ("status", status), ("polarization", kind))
+        low, high = float(row.text("low_ghz") or 0.0), float(row.text("high_ghz") or math.inf)
+        if low <= frequency_ghz < high and all(row.text(name) in ("", value) for name, value in wanted):
+            return float(row.text("mean_sd"))
+    raise KeyError((quantity, status))  # a gap in the shipped file, not a user's error
