@@ -11,6 +11,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -244,14 +245,12 @@ def _evaluate(node: Node, settings: Mapping[str, Any]) -> Sized:
     return a / b, size_a / np.abs(b) * np.maximum(1.0, size_b / np.abs(b))
 
 
-def _slack(node: Node, settings: Mapping[str, Any], n: int) -> FloatArray:
+def _slack(node: Node, settings: Mapping[str, Any]) -> FloatArray:
     kind = node[0]
     if kind in ("and", "or"):
-        slacks = [_slack(part, settings, n) for part in node[1:]]
-        combined: FloatArray = np.minimum.reduce(slacks) if kind == "and" else np.maximum.reduce(slacks)
-        return combined
+        return reduce(np.minimum if kind == "and" else np.maximum, (_slack(part, settings) for part in node[1:]))
     if kind == "in":
-        return np.broadcast_to(2.0 * _evaluate(node, settings)[0] - 1.0, (n,))
+        return 2.0 * _evaluate(node, settings)[0] - 1.0
     low, size_low = _evaluate(node[1], settings)
     high, size_high = _evaluate(node[2], settings)
     difference, size = high - low, size_low + size_high
@@ -259,7 +258,7 @@ def _slack(node: Node, settings: Mapping[str, Any], n: int) -> FloatArray:
     # Beyond the range of floats only the sign is known; where a side is undefined (0/0, the root of a negative number)
     # not even that, and the setting is not allowed.
     known = np.isfinite(size) & np.isfinite(slack)
-    return np.broadcast_to(np.where(known, slack, np.where(difference > 0.0, 1.0, -1.0)), (n,))
+    return np.where(known, slack, np.where(difference > 0.0, 1.0, -1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,12 +306,12 @@ class Constraint:
         """
         n = max((np.asarray(settings[name]).size for name in self.names), default=1)
         with np.errstate(all="ignore"):
-            return np.array(_slack(self._tree, settings, n), dtype=np.float64)
+            return np.full(n, _slack(self._tree, settings))
 
     def right(self, settings: Mapping[str, Any], n: int) -> FloatArray:
         """Values (n,) of the right side of a single comparison; settings as of `slack`."""
         with np.errstate(all="ignore"):
-            return np.array(np.broadcast_to(_evaluate(self._tree[2], settings)[0], (n,)), dtype=np.float64)
+            return np.full(n, _evaluate(self._tree[2], settings)[0])
 
 
 def arithmetic(text: str) -> Constraint:

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -72,6 +73,10 @@ def log_ratio(values: ArrayLike, low: float) -> FloatArray:
     return np.where(near, np.log1p(np.where(near, (x - low) / low, 0.0)), np.log(x) - np.log(low))
 
 
+_width = cache(log_ratio)
+"""Of a whole interval, (high, low), which is asked for again and again."""
+
+
 def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
     values = np.asarray(natural, dtype=np.float64)
     # These forms, unlike (2 x - low - high) / (high - low), give -1 and +1 exactly at the ends.
@@ -80,7 +85,7 @@ def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) 
     if np.any(values <= 0.0):
         bad = float(values[values <= 0.0].flat[0])
         raise RegionError(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=name, value=bad)
-    above, width = log_ratio(values, low), log_ratio(high, low)
+    above, width = log_ratio(values, low), _width(high, low)
     return (above - (width - above)) / width
 
 
@@ -90,12 +95,11 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
         natural = low * ((1.0 - t) / 2.0) + high * ((1.0 + t) / 2.0)
     else:
         # Two equal factors: their product may span more decades than a number holds.
-        root = np.exp(log_ratio(high, low) * ((1.0 + t) / 4.0))
+        root = np.exp(_width(high, low) * ((1.0 + t) / 4.0))
         natural = low * root * root
     # exp(log(x)) differs from x in the last digit: the ends are what the user wrote.
     natural = np.where(np.abs(t + 1.0) <= _SAME_END, low, np.where(np.abs(t - 1.0) <= _SAME_END, high, natural))
-    inside = np.abs(t) <= 1.0
-    return np.where(inside, np.clip(natural, low, high), natural)
+    return np.where(np.abs(t) <= 1.0, np.minimum(np.maximum(natural, low), high), natural)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -172,7 +172,7 @@ class Region(OfFactors):
 
     def slacks(self, points: FloatArray) -> FloatArray:
         """Slack of every constraint at points (m, k), shape (m, constraints); >= 0 where it holds."""
-        settings = self.natural(points)
+        settings = self.natural(points, frozenset().union(*(constraint.names for constraint in self.constraints)))
         slacks = np.empty((points.shape[0], len(self.constraints)))
         for column, constraint in enumerate(self.constraints):
             slacks[:, column] = constraint.slack(settings)
@@ -183,9 +183,7 @@ class Region(OfFactors):
 
         Bounds and discrete levels are not looked at: see :meth:`feasible`.
         """
-        slacks = self.slacks(np.atleast_2d(points))
-        smallest: FloatArray = np.min(slacks, axis=1, initial=np.inf)
-        return smallest
+        return np.asarray(np.min(self.slacks(np.atleast_2d(points)), axis=1, initial=np.inf))
 
     def feasible(self, points: FloatArray, tol: float = 1e-9) -> BoolArray:
         """Which points (n, k) lie within the bounds, on the levels and inside all constraints, to ``tol``."""
@@ -340,16 +338,16 @@ class Region(OfFactors):
         chosen: FloatArray = points[np.argmin(distance)]
         return chosen
 
-    def natural(self, points: FloatArray) -> dict[str, np.ndarray]:
-        """Natural values (n,) of each factor by its name, levels by theirs, at coded points (n, k)."""
+    def natural(self, points: FloatArray, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
+        """Natural values (n,) of each factor by its name, levels by theirs, at coded points (n, k); or of some."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        natural: dict[str, np.ndarray] = {}
-        for column, factor in enumerate(self.factors):
-            if isinstance(factor, CategoricalFactor):
-                natural[factor.name] = np.array(factor.levels)[points[:, column].astype(np.intp)]
-            else:
-                natural[factor.name] = factor.decode(points[:, column])
-        return natural
+        return {
+            factor.name: np.array(factor.levels)[own.astype(np.intp)]
+            if isinstance(factor, CategoricalFactor)
+            else factor.decode(own)
+            for factor, own in zip(self.factors, points.T, strict=True)
+            if names is None or factor.name in names
+        }
 
 
 def _number(factor: Factor, setting: Mapping[str, float | str]) -> float | Problem:

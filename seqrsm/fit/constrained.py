@@ -24,13 +24,14 @@ def retract(region: Region, points: FloatArray, anchors: FloatArray) -> FloatArr
     Points lie on the segments. Each equals its anchor in the discrete and categorical columns.
     """
     result = points.copy()
-    rows = np.flatnonzero(region.slack(points) < 0.0)
+    slack = region.slack(points)
+    rows = np.flatnonzero(slack < 0.0)
     if not len(rows):
         return result
     outside, inside = points[rows], anchors[rows]
     # False position with the Illinois halving; the feasible end is what is returned, however far it got.
     low, high = np.zeros(len(rows)), np.ones(len(rows))
-    slack_low, slack_high = region.slack(outside), np.maximum(region.slack(inside), 0.0)
+    slack_low, slack_high = slack[rows], np.maximum(region.slack(inside), 0.0)
     last = np.zeros(len(rows))
     for _ in range(_ROOT_STEPS):
         middle = low + (high - low) * np.clip(-slack_low / (slack_high - slack_low), 0.02, 0.98)

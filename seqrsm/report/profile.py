@@ -40,11 +40,16 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     levels = _levels(analysis)
     starts = [int(np.argmin(np.abs(np.array(coded) - best.point[j]))) for j, coded in enumerate(levels)]
     points = np.array(list(itertools.product(*levels)))
-    found, places = predict(analysis, points), score_decimals(analysis)
-    means = (found.mean, found.confidence.low, found.confidence.high)
-    future, to_score = (found.prediction.low, found.prediction.high), analysis.scale.to_score
+    places, to_score = score_decimals(analysis), analysis.scale.to_score
     lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)
-    table = np.column_stack([*map(to_score, means), *(to_score(values, 1.0) for values in future)])
+
+    def scores(some: FloatArray) -> FloatArray:
+        found = predict(analysis, some)
+        means, future = (found.mean, found.confidence.low, found.confidence.high), found.prediction
+        return np.column_stack([*map(to_score, means), to_score(future.low, 1.0), to_score(future.high, 1.0)])
+
+    # By parts: of many settings and runs the covariances would not stay in the processor's cache.
+    table = np.vstack([scores(some) for some in np.array_split(points, len(points) // MOST_NODES + 1)])
     table = np.clip(table - [best.optimism, lower, upper, lower, upper], *analysis.fitted.application.score_limits)
     ends = (best.confidence.low, best.confidence.high, best.prediction.low, best.prediction.high)
     table[np.ravel_multi_index(starts, [len(coded) for coded in levels])] = (best.mean, *ends)  # as on the first page
@@ -91,8 +96,10 @@ def _levels(analysis: Analysis) -> list[list[float]]:
     for j, factor in enumerate(factors):
         if isinstance(factor, ContinuousFactor):
             # The node nearest to the recommended setting gives way to it: the page begins where the report stands.
+            # Of three the middle one, since a fourth would make ten times as many settings of eight factors.
             nodes = np.linspace(-1.0, 1.0, count)
-            nodes[np.argmin(np.abs(nodes - best[j]))] = best[j]
+            near = nodes[1:-1] if count == _LEAST and abs(best[j]) < 1.0 else nodes
+            near[np.argmin(np.abs(near - best[j]))] = best[j]
             found.append(sorted({-1.0, *nodes.tolist(), 1.0}))
         else:
             found.append(factor.coded_levels.tolist())

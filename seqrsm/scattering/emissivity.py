@@ -99,6 +99,14 @@ def _reference(model: GroundModel) -> FloatArray:
     return np.asarray(model.reflectivity(TABLE_FREQUENCY_GHZ, "H", np.array([REFERENCE_MOISTURE]))[0])
 
 
+@lru_cache(maxsize=256)  # worlds and occasions of a setting ask for the same again
+def _ratio(model: GroundModel, frequency_ghz: float, polarization: str, canopy: float) -> FloatArray:
+    """Reflectivity over `_reference`, for each moisture on `THETA_DEG`, (1 or n_moistures, 91)."""
+    moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
+    own = model.reflectivity(frequency_ghz, polarization, moistures, canopy)
+    return np.asarray(own[:, _HELD] / _reference(model)[_HELD])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EmissivityLookup:
     """Emissivity of some categories for one polarization.
@@ -259,11 +267,7 @@ class EmissivityTable:
             return between_nodes(name, curve, f, polarization, self.file)[None], curve.status, (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
         model = self.models[name]
-        moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
-        reference = _reference(model)
-        own = model.reflectivity(f, polarization, moistures, canopy)
-        ratio = own[:, _HELD] / reference[_HELD]
-        value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
+        value = np.clip(1.0 - (1.0 - table) * _ratio(model, f, polarization, canopy), 0.0, 1.0)
         if (f, polarization) == (TABLE_FREQUENCY_GHZ, "H") and model.ground != "soil" and canopy == 1.0:
             return table[None], curve.status, (curve.note,)
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from test_browser import BROWSER
 
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.report.content import build_report
 from seqrsm.report.figures.surfaces import chosen_pairs, line, surface
 from seqrsm.report.html import render_html
-from seqrsm.report.profile import MOST_NODES, profile, profile_text
+from seqrsm.report.profile import MOST_NODES, _levels, profile, profile_text
 from seqrsm.report.rounding import format_number
 from seqrsm.report.wording import optimum_setting_text
 
@@ -51,6 +51,16 @@ def test_each_row_is_the_fit_at_its_settings(name, request):
         if len(row) == len(analysis.fit.estimate):  # without blocks
             mean = float(analysis.scale.to_score(np.array([row @ analysis.fit.estimate]))[0])
             assert found["rows"][i][0] == pytest.approx(mean, abs=half + 0.002 * np.ptp(analysis.data.scores))
+
+
+@pytest.mark.parametrize("place", [-1.0, -0.97, 0.8, 0.1, 1.0])
+def test_many_factors_have_three_settings_each(place):
+    """Eight factors of four settings are 65,536 rows, a minute's work; the ends and the recommended one stay."""
+    factors = tuple(ContinuousFactor(f"x{j}", 0.0, 1.0) for j in range(8))
+    best = np.full(8, place)
+    analysis = SimpleNamespace(region=SimpleNamespace(factors=factors), optimum=SimpleNamespace(point=best))
+    middle = 0.0 if abs(place) == 1.0 else place
+    assert _levels(analysis) == [[-1.0, middle, 1.0]] * 8
 
 
 def test_nothing_is_drawn_that_no_score_can_be(simulated):

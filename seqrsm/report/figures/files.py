@@ -11,7 +11,7 @@ import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from seqrsm.files import put
 from seqrsm.progress import tell
@@ -39,6 +39,9 @@ def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
     The folder is made if it is not there; files of the same names are replaced. Returns the files written,
     ``captions.csv`` last. The same report gives the same bytes.
     """
+    import typst
+
+    fonts = typst.Fonts()  # looked for once, not for every picture
     written: list[Path] = []
     index: list[tuple[float | str, ...]] = []
     panels = list(named_panels(report))
@@ -46,8 +49,8 @@ def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
         tell("writing figures", count, len(panels))
         made = {
             ".svg": _svg(panel).encode("utf-8"),
-            ".pdf": _typeset(panel, title, "pdf"),
-            ".png": panel.png or _typeset(panel, title, "png"),
+            ".pdf": _typeset(panel, title, "pdf", fonts),
+            ".png": panel.png or _typeset(panel, title, "png", fonts),
         }
         if panel.data is not None:
             made[".csv"] = _csv_text(panel.data()).encode("utf-8")
@@ -98,7 +101,7 @@ def _svg(panel: Panel) -> str:
     )
 
 
-def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"]) -> bytes:
+def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"], fonts: Any) -> bytes:
     """Set one picture on a page of its own size, a bitmap on white at 300 dots per inch."""
     import typst
 
@@ -111,7 +114,8 @@ def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"]) -> bytes:
         "width": _BITMAP_WIDTH_PT if panel.png else None,
     }
     source = _SOURCE.replace(b"fill: none", b"fill: white") if form == "png" else _SOURCE
-    return bytes(typst.compile(source, format=form, ppi=_PPI, sys_inputs={"about": json.dumps(about)}))
+    inputs = {"about": json.dumps(about)}
+    return bytes(typst.compile(source, format=form, ppi=_PPI, font_paths=fonts, sys_inputs=inputs))
 
 
 def _csv_text(data: PanelData) -> str:
