@@ -370,7 +370,13 @@ class Process:
 
         def before(at: _Places) -> FloatArray:
             which = np.argmin(np.sum(at.levels[:, None] != levels[None], axis=-1), axis=1)
-            found: FloatArray = np.sum(np.cos(at.scaled[0] @ waves.T + phases) * heights[which], axis=1)
+            found = np.empty(len(which))
+            for some in _in_cache(len(which), _FEATURES):
+                waved = at.scaled[0, some] @ waves.T
+                waved += phases
+                waved = np.cos(waved, out=waved)
+                waved *= heights[which[some]]
+                found[some] = waved.sum(axis=1)
             return np.asarray(found + at.rows[0] @ slopes + middle + at.difference @ differs)
 
         own = self._places_of_runs(h)
