@@ -138,9 +138,6 @@ def test_refused() -> None:
     for bad in (lambda: posterior(Z, y), lambda: posterior(Z[:4], y[:4])):
         with pytest.raises(FitError):
             bad()
-    y[2] = np.nan
-    with pytest.raises(FitError, match="run 3 "):
-        posterior(Z, y, None, prior())
 
 
 def test_simulation_based_calibration() -> None:
