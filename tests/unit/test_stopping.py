@@ -226,12 +226,17 @@ def test_confirmation_interval_is_the_t_interval() -> None:
 
 def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     fresh = confirmation_interval([71.0, 73.5, 70.2, 74.1, 72.0])
-    limit = stats.t.ppf(0.975, 12) * 1.8 * np.sqrt(1 / 5 + 0.3)
-    inside = agreement(fresh, fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
-    outside = agreement(fresh, fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
-    assert inside.agrees
-    assert not outside.agrees
-    assert inside.p == pytest.approx(0.05, abs=2e-3)
+    se = 1.8 * np.sqrt(1 / 5 + 0.3)
+    limit = stats.t.ppf(0.975, 12) * se
+    for sign in (-1.0, 1.0):
+        inside = agreement(fresh, fresh.mean + 0.999 * sign * limit, s=1.8, df=12, h=0.3)
+        outside = agreement(fresh, fresh.mean + 1.001 * sign * limit, s=1.8, df=12, h=0.3)
+        assert inside.agrees
+        assert not outside.agrees
+        near = agreement(fresh, fresh.mean + 0.4 * sign, s=1.8, df=12, h=0.3)
+        assert near.p == pytest.approx(2.0 * stats.t.sf(0.4 / se, 12))
+    # Runs that all scored the same foretell exactly that.
+    assert [agreement(fresh, fresh.mean + off, s=0.0, df=12, h=0.3).p for off in (0.0, 0.1)] == [1.0, 0.0]
     assert "disagree" in outside.text
 
 
