@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.stats import norm
 from shorthands import percent_correct, tiles_of
 from sklearn import metrics
 from synthetic import synthetic_scene
@@ -78,11 +79,14 @@ def test_measures_are_those_of_scikit_learn() -> None:
     np.testing.assert_allclose(measure(np.stack([confusion, 2 * confusion]), "kappa"), wanted["kappa"])
 
 
-@pytest.mark.parametrize("name", ["percent_correct", "class_mean_correct", "worst_class_correct", "kappa", "f1"])
-def test_a_guess_scores_the_floor_and_the_truth_the_ceiling(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "covers"),
+    [("percent_correct", []), ("class_mean_correct", []), ("worst_class_correct", []), ("kappa", []), ("f1", [1]),
+     ("f1", [1, 3])],
+)  # fmt: skip
+def test_a_guess_scores_the_floor_and_the_truth_the_ceiling(name: str, covers: list[int]) -> None:
     truth, _, _ = names_and_truth()
     true = np.bincount(truth, minlength=4)
-    covers = [1] if name == "f1" else []
     floor, ceiling = ends_of(true, name, covers)
     guesses = []
     for k in range(4):
@@ -264,18 +268,19 @@ def test_segments_score_between_pixels_and_fields() -> None:
         assert pixel + 3.0 < segment < field
 
 
-def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:
+@pytest.mark.parametrize("distance", [0.5, 2.0, 4.0])
+def test_detection_holds_its_false_alarms_and_finds_what_separates(distance: float) -> None:
     rng = np.random.default_rng(0)
     n = 20_000
     truth = (rng.random(n) < 0.2).astype(int)
-    x = rng.normal(0.0, 1.0, n) + 2.0 * truth
+    x = rng.normal(0.0, 1.0, n) + distance * truth
     counts = np.stack([1 - truth, truth], axis=1)
     evidence = Evidence(x[None], counts, np.arange(n) // 100, rng.random(n // 100), 0, counts)
     score = score_evidence(evidence, ("other", "target"), Asked("detection", ("target",)))
     alarms = score.confusion[0, 1] / score.confusion[0].sum()
     assert alarms == pytest.approx(FALSE_ALARMS, abs=0.003)
-    # Two normal laws two standard deviations apart: Phi(2 - 1.645).
-    assert score.value == pytest.approx(63.9, abs=2.0)
+    found = norm.cdf(distance - norm.isf(FALSE_ALARMS))  # of two normal laws so many standard deviations apart
+    assert score.value == pytest.approx(100.0 * found, abs=250.0 * math.sqrt(found * (1.0 - found) / truth.sum()))
     assert (score.guess, score.perfect) == (5.0, 100.0)
 
 
