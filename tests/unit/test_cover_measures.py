@@ -70,8 +70,9 @@ def test_measures_are_those_of_scikit_learn() -> None:
     each = metrics.f1_score(truth, named, average=None)
     assert float(measure(confusion, "f1", [1])) == pytest.approx(100.0 * each[1], rel=1e-12)
     assert float(measure(confusion, "f1", [1, 3])) == pytest.approx(100.0 * each[[1, 3]].mean(), rel=1e-12)
-    area = 100.0 * abs((named == 2).sum() - (truth == 2).sum()) / (truth == 2).sum()
-    assert float(measure(confusion, "area_error", [2])) == pytest.approx(area, rel=1e-12)
+    for covers in ([2], [1, 2]):
+        area, true = np.isin(named, covers).sum(), np.isin(truth, covers).sum()
+        assert float(measure(confusion, "area_error", covers)) == pytest.approx(100.0 * abs(area - true) / true)
     both = np.isin(truth, [0, 3])
     found = 100.0 * np.isin(named[both], [0, 3]).mean()
     assert float(measure(confusion, "detection", [0, 3])) == pytest.approx(found, rel=1e-12)
@@ -274,14 +275,17 @@ def test_detection_holds_its_false_alarms_and_finds_what_separates(distance: flo
     n = 20_000
     truth = (rng.random(n) < 0.2).astype(int)
     x = rng.normal(0.0, 1.0, n) + distance * truth
-    counts = np.stack([1 - truth, truth], axis=1)
+    kind = truth * (1 + np.arange(n) % 2)  # two covers that look alike
+    counts = np.eye(3, dtype=int)[kind]
     evidence = Evidence(x[None], counts, np.arange(n) // 100, rng.random(n // 100), 0, counts)
-    score = score_evidence(evidence, ("other", "target"), Asked("detection", ("target",)))
-    alarms = score.confusion[0, 1] / score.confusion[0].sum()
+    score = score_evidence(evidence, ("other", "one", "two"), Asked("detection", ("one", "two")))
+    alarms = score.confusion[0, 1:].sum() / score.confusion[0].sum()
     assert alarms == pytest.approx(FALSE_ALARMS, abs=0.003)
     found = norm.cdf(distance - norm.isf(FALSE_ALARMS))  # of two normal laws so many standard deviations apart
     assert score.value == pytest.approx(100.0 * found, abs=250.0 * math.sqrt(found * (1.0 - found) / truth.sum()))
-    assert (score.guess, score.perfect) == (5.0, 100.0)
+    assert (score.guess, score.perfect, score.n_cells) == (5.0, 100.0, n)
+    right = np.diagonal(score.confusion) / np.bincount(kind)
+    assert list(score.details["per_class_percent"].values()) == pytest.approx(100.0 * right)
 
 
 def test_words_choose_cover_and_unit() -> None:
