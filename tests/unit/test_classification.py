@@ -246,6 +246,8 @@ def test_zeros_take_the_least_power_among_the_pixels_with_cells():
     """In decibels, channel by channel; a pixel without cells does not set the floor."""
     power = np.array([[1.0, 0.0, 10.0, 1e-9], [100.0, 1000.0, 0.0, 1e-9]])
     counts = np.array([[1, 0], [0, 2], [3, 0], [0, 0]])
+    every = decibels(power.copy())
+    np.testing.assert_allclose(every, [[0.0, -90.0, 10.0, -90.0], [20.0, 30.0, -90.0, -90.0]])
     found = decibels(power, counts)
     np.testing.assert_allclose(found, [[0.0, 0.0, 10.0, 0.0], [20.0, 30.0, 20.0, 20.0]])
     np.testing.assert_allclose(decibels(np.array([[0.01, 10.0]]), counts[:2]), [[-20.0, 10.0]])

@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from scipy import ndimage
-from scipy.stats import norm
+from scipy.stats import loggamma, norm
 from shorthands import percent_correct, tiles_of
 from sklearn import metrics
 from synthetic import synthetic_scene
@@ -18,7 +18,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
-from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, pixels_of
+from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, fields_of, layers_of, pixels_of
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -162,6 +162,28 @@ def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
         assert found.counts[17 * place].sum() == mine.sum()
 
 
+def test_cells_of_a_field_are_its_own_and_a_large_field_is_one_in_each_tile() -> None:
+    side, wide = 130.0, np.arange(160) >= 100
+    field = np.where(wide, SCENE.n_fields, SCENE.field_id).astype(np.int32)
+    scene = replace(SCENE, field_id=field, cover=np.where(wide, 2, SCENE.cover).astype(np.uint8),
+                    scored=np.random.default_rng(1).random(field.shape) < 0.7)  # fmt: skip
+    with tiles_of(side):
+        pixels = pixels_of(image(scene), scene, **KEY)
+    unit, counts, tile = fields_of(pixels, scene, side)
+    used = (pixels.pixel >= 0) & scene.scored
+    np.testing.assert_array_equal(unit >= 0, used)
+    own, its_tile = field[used], pixels.tile[pixels.pixel[used]]
+    large = own == SCENE.n_fields
+    pieces = set(zip(own.tolist(), np.where(large, its_tile, -1).tolist(), strict=True))
+    assert len(pieces) == len(counts) > len(np.unique(own)) + 20
+    for place in np.unique(unit[used])[::7]:
+        mine = unit[used] == place
+        wanted = np.bincount(scene.cover[used][mine], minlength=4)
+        assert len(np.unique(own[mine])) == np.count_nonzero(wanted) == 1
+        np.testing.assert_array_equal(counts[place], wanted)
+        assert (its_tile[mine & large] == tile[place]).all()
+
+
 def test_fields_that_hold_no_pixel_do_not_teach_but_are_tested() -> None:
     """Small fields among large ones: their mixed pixels count in the score, not in the laws."""
     fine = np.kron(np.arange(6400).reshape(80, 80), np.ones((2, 2), dtype=int)) + SCENE.n_fields
@@ -208,6 +230,14 @@ def test_the_filter_keeps_edges_and_takes_noise() -> None:
     assert np.isfinite(_lee(noisy, np.array(1.0))).sum() == noisy.size - 1
 
 
+def test_neighbours_are_filtered_in_decibels_with_the_noise_of_their_looks() -> None:
+    db = 10.0 * np.log10(IMAGE.apparent_sigma0())
+    # Decibels of a gamma variable: scipy's log-gamma law.
+    noise = (10.0 / math.log(10.0)) ** 2 * loggamma(IMAGE.looks).var()[:, None] * np.ones(db.shape[1:])
+    wanted = np.stack([_lee(layer, noise) for layer in db]).reshape(2, -1)
+    np.testing.assert_allclose(10.0 * np.log10(layers_of(IMAGE, smooth=True)), wanted, rtol=1e-4)
+
+
 def test_neighbours_help_where_speckle_is_strong() -> None:
     scene = fields(side=16, n=192, cell_m=5.0)
     made = image(scene, 5.0, 5.4)
@@ -252,12 +282,13 @@ def test_segments_are_the_parcels_where_these_differ() -> None:
 
 
 def test_even_ground_is_not_cut_by_the_noise_of_coarser_pixels() -> None:
-    """Each tile is one segment: 16 finer pixels have one value of the coarser image, and its noise."""
+    """Each tile is one segment: finer pixels have one value of a coarser image or cell, and its noise."""
     even = fields(side=16, n=192, cell_m=5.0)
     even = replace(even, cover=np.zeros_like(even.cover), field_id=np.zeros_like(even.field_id))
-    images = [image(even, 5.0, 1.25, texture_db=0.0), image(even, 20.0, 5.4, texture_db=0.0)]
-    found = evidence_of(images, even, by="segment", **KEY)
-    assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[0], even, **KEY).tile)), abs=2)
+    fine, coarse = image(even, 5.0, 1.25, texture_db=0.0), image(even, 20.0, 5.4, texture_db=0.0)
+    for images in ([fine, coarse], [image(even, 20.0, 5.4, texture_db=0.0, pixel_m=5.0)]):
+        found = evidence_of(images, even, by="segment", **KEY)
+        assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[0], even, **KEY).tile)), abs=2)
 
 
 def test_segments_score_between_pixels_and_fields() -> None:
