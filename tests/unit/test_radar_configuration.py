@@ -115,6 +115,11 @@ def test_depression_points_at_the_centre_of_the_scene():
     np.testing.assert_allclose(np.diff(y), 5.0)
 
 
+def test_grey_tones_are_asked_for_by_a_calibration_or_the_film():
+    asked = ({}, {"film_gamma": 1.1}, {"film_k": 1.1}, {"dynamic_range_db": 25.0}, {"i_min_w": 1e-12})
+    assert [radar(**changes).calibrated for changes in asked] == [False, True, True, True, True]
+
+
 def messages(**changes) -> str:
     settings = {**SETTINGS, **{k: v for k, v in changes.items() if k in SETTINGS or k == "looks"}}
     fixed = {**FIXED, **{k: v for k, v in changes.items() if k not in settings}}
@@ -172,12 +177,16 @@ def test_all_problems_are_told_at_once():
     assert len(caught.value.problems) == 3
 
 
-def test_what_a_message_allows_is_allowed():
+def test_what_a_message_allows_is_allowed_and_hardly_more():
     limit = float(re.search(r"at most ([0-9.]+) looks", messages(looks=200.0))[1])
     assert from_settings({**SETTINGS, "looks": limit}, FIXED).looks == limit
+    assert "looks" in messages(looks=1.001 * limit)
+    assert radar(pulse_length_us=999.0).pulse_length_us == 999.0
+    assert "Keep it below 1000 us" in messages(pulse_length_us=1001.0)
     bandwidth, resolution = map(float, re.findall(r"at least ([0-9.]+) M?H?z?m?", messages(resolution=4.0)))
     assert from_settings({**SETTINGS, "resolution": 4.0, "bandwidth": bandwidth}, FIXED).bandwidth_mhz == bandwidth
     assert from_settings({**SETTINGS, "resolution": resolution}, FIXED).resolution_m == resolution
+    assert "resolution" in messages(resolution=0.999 * resolution)
 
 
 @pytest.mark.parametrize(
