@@ -105,6 +105,10 @@ def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
     away = 10.0 * np.log10(alone.sigma0[0] / plain.sigma0[0])
     np.testing.assert_allclose(away, plain.mean_sd_db[0] * World(1979, 4).departure("Trees", "", 3.0, "HH"), atol=1e-9)
     assert alone.field_sd_db[0] / plain.field_sd_db[0] == pytest.approx(World(1979, 4).field_factor("Trees"))
+    spread = [
+        table.lookup(["Trees"], 3.0, "H").field_sd[0] for table in (EMISSIVITY.in_world(World(1979, 4)), EMISSIVITY)
+    ]
+    assert spread[0] / spread[1] == pytest.approx(World(1979, 4).field_factor("Trees"))
     assert len({World(1979, number).field_factor("Trees") for number in range(20)}) == 20
     assert np.abs(TABLE.in_world(World(1979, 5)).lookup(["Trees"], 3.0, "HH").sigma0 / alone.sigma0 - 1.0).max() > 0.01
 
