@@ -43,6 +43,13 @@ def test_snow_of_no_depth_changes_nothing_and_dry_snow_is_nearly_transparent_to_
         assert abs(dry - bare) < most
 
 
+def test_a_lookup_gives_the_depth_of_snow_in_cm():
+    ground = [TABLE.lookup(["Wheat"], 5.4, channel, season="winter").sigma0[0] for channel in POLARIZATIONS]
+    wanted, _ = under_snow(10.0 * np.log10(ground), 5.4, "wet", 0.03)
+    found = TABLE.lookup(["Wheat"], 5.4, "VV", season="winter", snow="wet", snow_depth_cm=3.0).sigma0[0]
+    np.testing.assert_allclose(10.0 * np.log10(found[:76]), wanted[2, :76], atol=1e-9)
+
+
 def test_deep_wet_snow_hides_what_is_beneath_and_thin_snow_does_not():
     value = np.full((3, 91), -10.0)
     deep, _ = under_snow(value, 9.6, "wet", 5.0)
