@@ -44,8 +44,7 @@ class UtilityScore:
     confusion : int64 array (n_classes, n_classes)
         Cells of class (row) that were given class (column); empty where the measure names no classes.
     details : dict
-        What else is known, by name. Of a classification ``not_predicted``: classes that no training half could teach;
-        ``per_class_percent``: share correct by class.
+        What else is known, by name. Of a classification ``per_class_percent``: share correct by class.
     """
 
     value: float
@@ -59,22 +58,6 @@ class UtilityScore:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Classified:
-    """Names of the ground against the truth.
-
-    Attributes
-    ----------
-    confusion : int64 array (n_tiles, n_classes, n_classes)
-        Cells of class (row) that were given class (column), in each tile that holds scored cells.
-    taught : bool array (n_classes,)
-        Classes that either half could teach.
-    """
-
-    confusion: IntArray
-    taught: AnyArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Taught:
     """What the halves of the tiles teach.
 
@@ -85,14 +68,11 @@ class Taught:
     half : int64 array (n_tiles,)
     laws : tuple of float64 array
         Centres, scales, scales of the covariates and constants of the classes' laws, by the half that they test.
-    classes : bool array (n_classes,)
-        Classes that either half could teach.
     """
 
     seen: AnyArray
     half: IntArray
     laws: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-    classes: AnyArray
 
 
 def taught(evidence: Evidence) -> Taught:
@@ -138,11 +118,14 @@ def taught(evidence: Evidence) -> Taught:
             known_scale[tested] = np.linalg.inv(roots)
             constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         constant[tested, cells == 0.0] = -np.inf
-    return Taught(seen, half, (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0))
+    return Taught(seen, half, (centre, scale, known_scale, constant))
 
 
-def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: float = 0.0) -> Classified:
-    """Names by the laws that were taught, the log likelihood of ``favoured`` classes raised by ``bonus``."""
+def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: float = 0.0) -> IntArray:
+    """Cells of class (row) that are given class (column) by the laws that were taught, int64 (n_tiles, n, n).
+
+    Of each tile that holds scored cells; the log likelihood of ``favoured`` classes is raised by ``bonus``.
+    """
     centre, scale, known_scale, constant = by.laws
     constant = constant.copy()
     constant[:, list(favoured)] += bonus
@@ -155,7 +138,7 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
         laws = (centre, scale, known_scale, constant + said)
         lines = kernels_classify.work_lines(len(evidence.features))
         kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion, *lines)
-    return Classified(confusion[by.seen], by.classes)
+    return confusion[by.seen]
 
 
 def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
@@ -167,7 +150,7 @@ def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
     (d, _), (_, n), c = evidence.features.shape, evidence.counts.shape, evidence.covariates
     prior = np.zeros((2, n)) if areas is None else np.tile(np.log(np.maximum(areas, 0.5)), (2, 1))
     laws = (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n, c, c)), prior)
-    return Taught(seen, half, laws, np.ones(n, dtype=bool))
+    return Taught(seen, half, laws)
 
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:

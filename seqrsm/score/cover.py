@@ -14,7 +14,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import Classified, Taught, UtilityScore, by_map_alone, cluster_ratio, named, taught
+from seqrsm.score.classification import Taught, UtilityScore, by_map_alone, cluster_ratio, named, taught
 from seqrsm.score.evidence import Evidence, Image, evidence_of
 from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import Asked
@@ -58,8 +58,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     Returns
     -------
     UtilityScore
-        In the unit of the measure; the standard error is over tiles. Details: ``not_predicted``, classes that no half
-        could teach; ``per_class_percent``, cells named rightly by class; ``named_by``, the unit of ground.
+        In the unit of the measure; the standard error is over tiles. Details: ``per_class_percent``, cells named
+        rightly by class; ``named_by``, the unit of ground.
     """
     unknown = [name for name in asked.covers if name not in categories]
     if unknown:
@@ -67,8 +67,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
     laws = taught(evidence)
-    found = _at_false_alarms(evidence, laws, covers) if asked.name == "detection" else named(evidence, laws)
-    by_tile = found.confusion
+    by_tile = _at_false_alarms(evidence, laws, covers) if asked.name == "detection" else named(evidence, laws)
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
     if covers and not true[covers].any():
@@ -84,14 +83,13 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         se = _jackknife(by_tile, asked.name, covers)
     details: dict[str, object] = {
         "named_by": asked.by,
-        "not_predicted": tuple(categories[int(k)] for k in np.flatnonzero(~found.taught & (true > 0))),
         "per_class_percent": {categories[k]: 100.0 * float(total[k, k]) / float(n) for k, n in enumerate(true) if n},
     }
     guess, perfect = ends_of(true, asked.name, covers)
     if evidence.label is not None:
         for by in (by_map_alone(evidence), by_map_alone(evidence, true)):
             alone = _at_false_alarms(evidence, by, covers) if asked.name == "detection" else named(evidence, by)
-            by_map = float(measure(alone.confusion.sum(axis=0), asked.name, covers))
+            by_map = float(measure(alone.sum(axis=0), asked.name, covers))
             guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
     return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
 
@@ -168,8 +166,8 @@ def _jackknife(by_tile: IntArray, name: str, covers: Sequence[int]) -> float:
     )
 
 
-def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> Classified:
-    """The names when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them."""
+def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> IntArray:
+    """As `named`, when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them."""
 
     def alarms(confusion: IntArray) -> float:
         total = confusion.sum(axis=0)
@@ -180,14 +178,14 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> C
         raise SceneError("the image has no other ground than these covers", field="utility")
     low, high = -1.0, 1.0
 
-    def at(bonus: float) -> Classified:
+    def at(bonus: float) -> IntArray:
         return named(evidence, by, covers, bonus)
 
-    while alarms(at(high).confusion) < FALSE_ALARMS and high < 1e9:
+    while alarms(at(high)) < FALSE_ALARMS and high < 1e9:
         high *= 4.0
-    while alarms(at(low).confusion) > FALSE_ALARMS and low > -1e9:
+    while alarms(at(low)) > FALSE_ALARMS and low > -1e9:
         low *= 4.0
     for _ in range(24):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if alarms(at(middle).confusion) < FALSE_ALARMS else (low, middle)
+        low, high = (middle, high) if alarms(at(middle)) < FALSE_ALARMS else (low, middle)
     return at(low)

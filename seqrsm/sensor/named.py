@@ -30,7 +30,6 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
-from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.earth import ground_range_of_look, slant_range_of_ground
 from seqrsm.sensor.hardware import orbit_speed_m_s
 from seqrsm.sensor.radar import RadarConfiguration
@@ -281,10 +280,8 @@ def radar_of(
     Raises
     ------
     ConfigurationError
-        Nothing is known of its altitude, or the radar is impossible.
+        The radar is impossible.
     """
-    if "altitude_km" not in sensor.values:
-        raise ConfigurationError("the altitude is not known", field=sensor.title)
     own_cell = sensor.cell_m(incidence_deg)
     cell = max(cell_m or own_cell, own_cell)
     looks = sensor.looks(incidence_deg, cell)
@@ -316,9 +313,6 @@ def radiometer_of(sensor: NamedSensor, channels: str, cell_m: float | None = Non
 
     Parameters, errors: as of `radar_of`.
     """
-    need = {"altitude_km", "nedt_k", "bandwidth_mhz", "integration_time_ms", "footprint_km"} - set(sensor.values)
-    if need:
-        raise ConfigurationError(f"not known: {', '.join(sorted(need))}", field=sensor.title)
     known = sensor.values
     cell = max(cell_m or 0.0, sensor.cell_m(0.0))
     system_k = known["nedt_k"] * math.sqrt(1e3 * known["bandwidth_mhz"] * known["integration_time_ms"])

@@ -10,6 +10,7 @@ from psm_cases import Table, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.score.evidence import pixels_of
 from seqrsm.simulate.radar.frame import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.result import rectangular, rectangular_pixels
@@ -202,6 +203,18 @@ def test_the_seam_at_north_does_not_show():
     one = quiet(scene(z, 5.0), ppi(), precision="float64").mean_power[0]
     jump = np.abs(np.diff(np.concatenate([one, one[:, :1]], axis=1), axis=1)).mean(axis=0)
     assert jump[-1] < 3.0 * np.median(jump)
+
+
+def test_tiles_of_a_ring_shaped_image_are_squares_of_250_m():
+    s = flat()
+    image = quiet(s, ppi())
+    pixels = pixels_of(image, s, seed=1, run_id=1)
+    row, column = np.nonzero(pixels.pixel >= 0)
+    tile = pixels.tile[pixels.pixel[row, column]]
+    longest = 15.0 + float(image.ground_range_m[-1]) * math.radians(3.0)  # of a pixel, whose centre tells its tile
+    for one in np.unique(tile):
+        assert max(np.ptp(row[tile == one]), np.ptp(column[tile == one])) * 10.0 < 250.0 + longest
+    assert 1600**2 / 250**2 < len(np.unique(tile)) <= 64
 
 
 def test_classes_are_told_apart_in_polar_pixels():

@@ -56,6 +56,16 @@ def test_notes_of_a_scan_begin_with_their_kind() -> None:
     assert [note.partition(": ")[0] for note in notes] == ["conical scan", "arc of the scan"]
 
 
+def test_lines_lie_a_footprint_apart_and_the_arc_is_that_of_a_circle() -> None:
+    for integration_ms, apart_m in ((0.5, 50.0 * math.cos(math.radians(55.0)) ** 0.5), (10.0, 538.0)):
+        made = radiometer(conical_incidence_deg=55.0, integration_time_ms=integration_ms)
+        scan = scan_geometry(made, 6000.0, 4000.0, 3000.0)
+        assert (scan.n_lines, scan.advance_m) == (round(3000.0 / apart_m), 3000.0 / scan.n_lines)
+        radius = 6000.0 * math.tan(math.radians(55.0))  # 10 ms of it at a turn a second: 538 m
+        behind = float(scan.notes[1].partition("it lies ")[2].partition(" m")[0])
+        assert behind == pytest.approx(radius - math.sqrt(radius**2 - 1500.0**2), rel=0.01)
+
+
 @pytest.mark.parametrize(("heading", "behind"), [(90.0, slice(41, 43)), (270.0, slice(38, 40))])
 def test_a_wall_hides_the_ground_behind_it_as_far_as_its_height_goes_at_that_angle(
     heading: float, behind: slice

@@ -185,7 +185,10 @@ def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
     with pytest.raises(ConfigurationError, match=r"exceeds a sweep of 500 ms"):
         scan_geometry(radiometer(integration_time_ms=600.0), 1000.0, 1000.0, 1000.0)
     with pytest.raises(ConfigurationError, match=r"resolution of at least 36.57 m"):
-        scan_geometry(radiometer(resolution_m=20.0, antenna_limit_m=1.0), 1000.0, 1000.0, 1000.0)
+        scan_geometry(radiometer(resolution_m=36.5, antenna_limit_m=1.0), 1000.0, 1000.0, 1000.0)
+    scan_geometry(radiometer(resolution_m=36.6, antenna_limit_m=1.0), 1000.0, 1000.0, 1000.0)
+    # Sweeps side by side, and 20 ms of a dwell of 27 ms: nothing to note.
+    assert scan_geometry(radiometer(integration_time_ms=20.0), 1000.0, 1000.0, 1000.0).notes == ()
     with pytest.raises(ConfigurationError, match="not above the ground"):
         image(scene(np.full((5, 5), 1200.0)), radiometer(), Table((0.9,)))
 

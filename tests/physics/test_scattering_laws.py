@@ -69,6 +69,7 @@ def test_grazing_is_constant_gamma(category: str) -> None:
     gamma = sigma0[angle] / np.cos(np.deg2rad(angle))
     assert gamma == pytest.approx(np.full(angle.size, gamma[0]), rel=1e-9)
     assert sigma0[90] == pytest.approx(1e-6)
+    assert abs(10.0 * np.log10(sigma0[75] / sigma0[74])) < 1.0  # and goes on from the curve before
 
 
 @pytest.mark.parametrize("epsilon", [2.0 + 0j, 4.0 - 0.1j, 9.0 - 0.9j, 60.0 + 30.0j])
@@ -135,6 +136,16 @@ def test_forest_anchor() -> None:
     """L-HH of forest: -8.3 dB near 48 degrees over Flevoland; tropical forest has -6 to -7 near 38 (JERS-1)."""
     assert db("Trees", 1.25, "HH")[48] == pytest.approx(-8.26, abs=0.5)
     assert -8.5 < db("Trees", 1.25, "HH")[38] < -6.0
+
+
+def test_cross_polarization_of_water_goes_by_the_logarithm_of_the_wind() -> None:
+    """The RADARSAT-2 VH function at 3, 5 and 10 m/s [dB]; straight lines between, and on to 2 m/s."""
+    told = {25: (-41.37, -36.62, -30.18), 35: (-42.05, -37.58, -31.51), 45: (-42.73, -38.55, -32.86)}
+    for wind, parts in ((2.0, (0, 1)), (3.0, (0, 1)), (7.0, (1, 2)), (10.0, (1, 2))):
+        share = np.log(wind / (3.0, 5.0, 10.0)[parts[0]]) / np.log((3.0, 5.0, 10.0)[parts[1]] / (3.0, 5.0)[parts[0]])
+        for theta, level in told.items():
+            wanted = level[parts[0]] + share * (level[parts[1]] - level[parts[0]])
+            assert db("Water", 5.4, "HV", wind_m_s=wind)[theta] == pytest.approx(wanted, abs=0.02)
 
 
 def test_mixture_is_linear_in_power() -> None:

@@ -77,6 +77,28 @@ def test_the_l_band_course_stands_on_the_flights():
         np.testing.assert_allclose(mean[calm], 0.0, atol=0.05)
 
 
+@pytest.mark.parametrize(("frequency", "share"), [(0.8, 0.0), (1.25, 0.0), (np.sqrt(1.25 * 5.4), 0.5)])
+def test_between_l_and_c_band_a_course_is_part_a_water_cloud_over_soil(frequency, share):
+    """Attema and Ulaby 1978: own (1 - T) + soil T, 0 dB on the flights' days; 0.15 Np m2/kg at 1.4 GHz."""
+    lines = [line for line in (DATA / "calendar_canopy.csv").read_text().splitlines() if not line.startswith("#")]
+    names = ("Wheat", "Corn", "Rapeseed", "Vegetables")
+    found = TABLE.lookup(names, frequency, "VV", day=150).course
+    level, soil = (TABLE.lookup(own, frequency, "VV").sigma0[:, 40] for own in (names, ["Bareground"]))
+    for k, name in enumerate(names):
+        rows = [r for r in csv.DictReader(lines) if r["category"] == name]
+        day, water, cover = (np.array([float(r[c]) for r in rows]) for c in ("day", "water_kg_m2", "cover_fraction"))
+        rate = 2.0 * 0.15 * frequency / 1.4 / np.cos(np.deg2rad(40.0))
+        through = np.exp(-rate * np.interp(DAYS, day, water, period=365))
+        # The level of rapeseed is that of canola of 3.5 kg/m2.
+        then = np.exp(-rate * 3.5) if name == "Rapeseed" else through[172:200].mean()
+        below = min(soil[0] / level[k], 0.7 / then)  # 0.3 of the level at least is the canopy's own
+        cloud = (1.0 - below * then) / (1.0 - then) * (1.0 - through) + below * through
+        in_c = TABLE.lookup([name], 5.4, "VV", day=150).course.change_db[0]
+        wanted = share * in_c + (1.0 - share) * 10.0 * np.log10(cloud)
+        np.testing.assert_allclose(found.change_db[k], wanted, atol=1e-9)
+        np.testing.assert_allclose(found.spread[k], 2.0 - np.interp(DAYS, day, cover, period=365))
+
+
 def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
     path = tmp_path / "own.csv"
     header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n"

@@ -10,6 +10,7 @@ import pytest
 from scipy import special
 from scipy.stats import multivariate_normal
 
+from seqrsm.errors import SceneError
 from seqrsm.rng import generator
 from seqrsm.score.classification import cluster_ratio, halves
 from seqrsm.score.cover import score_evidence
@@ -105,6 +106,9 @@ def test_a_class_missing_from_the_teaching_half_is_never_named():
     assert score.details["per_class_percent"]["2"] == 0.0
     none = score_pixels(power[:100], three[:100], tile[:100], seed=1, run_id=1)
     assert math.isnan(none.se)
+    assert none.value > 95.0  # a single tile teaches itself: there is no other ground
+    with pytest.raises(SceneError, match="no scored cell"):
+        score_pixels(power, np.zeros_like(three), tile, seed=1, run_id=1)
 
 
 def test_a_class_of_few_pixels_and_constant_power_keeps_a_usable_covariance():
@@ -133,6 +137,8 @@ def test_the_split_is_the_runs_own_and_repeats():
 
 
 def test_cluster_error_is_that_of_repeated_samples():
+    shares = np.array([0.5, 0.7, 0.65, 0.9])  # of clusters of one size: their own scatter
+    assert cluster_ratio(20 * shares, np.full(4, 20)) == pytest.approx((shares.mean(), shares.std(ddof=1) / 2.0))
     # Tiles of unequal size whose share varies: the binomial error would be five times too small.
     rng = np.random.default_rng(6)
     shares, errors, naive = [], [], []
@@ -246,6 +252,8 @@ def test_zeros_take_the_least_power_among_the_pixels_with_cells():
     """In decibels, channel by channel; a pixel without cells does not set the floor."""
     power = np.array([[1.0, 0.0, 10.0, 1e-9], [100.0, 1000.0, 0.0, 1e-9]])
     counts = np.array([[1, 0], [0, 2], [3, 0], [0, 0]])
+    every = decibels(power.copy())
+    np.testing.assert_allclose(every, [[0.0, -90.0, 10.0, -90.0], [20.0, 30.0, -90.0, -90.0]])
     found = decibels(power, counts)
     np.testing.assert_allclose(found, [[0.0, 0.0, 10.0, 0.0], [20.0, 30.0, 20.0, 20.0]])
     np.testing.assert_allclose(decibels(np.array([[0.01, 10.0]]), counts[:2]), [[-20.0, 10.0]])

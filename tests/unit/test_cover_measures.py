@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.stats import loggamma, norm
 from shorthands import percent_correct, tiles_of
 from sklearn import metrics
 from synthetic import synthetic_scene
@@ -17,7 +18,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
-from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, pixels_of
+from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, fields_of, layers_of, pixels_of
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -69,8 +70,9 @@ def test_measures_are_those_of_scikit_learn() -> None:
     each = metrics.f1_score(truth, named, average=None)
     assert float(measure(confusion, "f1", [1])) == pytest.approx(100.0 * each[1], rel=1e-12)
     assert float(measure(confusion, "f1", [1, 3])) == pytest.approx(100.0 * each[[1, 3]].mean(), rel=1e-12)
-    area = 100.0 * abs((named == 2).sum() - (truth == 2).sum()) / (truth == 2).sum()
-    assert float(measure(confusion, "area_error", [2])) == pytest.approx(area, rel=1e-12)
+    for covers in ([2], [1, 2]):
+        area, true = np.isin(named, covers).sum(), np.isin(truth, covers).sum()
+        assert float(measure(confusion, "area_error", covers)) == pytest.approx(100.0 * abs(area - true) / true)
     both = np.isin(truth, [0, 3])
     found = 100.0 * np.isin(named[both], [0, 3]).mean()
     assert float(measure(confusion, "detection", [0, 3])) == pytest.approx(found, rel=1e-12)
@@ -78,11 +80,14 @@ def test_measures_are_those_of_scikit_learn() -> None:
     np.testing.assert_allclose(measure(np.stack([confusion, 2 * confusion]), "kappa"), wanted["kappa"])
 
 
-@pytest.mark.parametrize("name", ["percent_correct", "class_mean_correct", "worst_class_correct", "kappa", "f1"])
-def test_a_guess_scores_the_floor_and_the_truth_the_ceiling(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "covers"),
+    [("percent_correct", []), ("class_mean_correct", []), ("worst_class_correct", []), ("kappa", []), ("f1", [1]),
+     ("f1", [1, 3])],
+)  # fmt: skip
+def test_a_guess_scores_the_floor_and_the_truth_the_ceiling(name: str, covers: list[int]) -> None:
     truth, _, _ = names_and_truth()
     true = np.bincount(truth, minlength=4)
-    covers = [1] if name == "f1" else []
     floor, ceiling = ends_of(true, name, covers)
     guesses = []
     for k in range(4):
@@ -157,6 +162,28 @@ def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
         assert found.counts[17 * place].sum() == mine.sum()
 
 
+def test_cells_of_a_field_are_its_own_and_a_large_field_is_one_in_each_tile() -> None:
+    side, wide = 130.0, np.arange(160) >= 100
+    field = np.where(wide, SCENE.n_fields, SCENE.field_id).astype(np.int32)
+    scene = replace(SCENE, field_id=field, cover=np.where(wide, 2, SCENE.cover).astype(np.uint8),
+                    scored=np.random.default_rng(1).random(field.shape) < 0.7)  # fmt: skip
+    with tiles_of(side):
+        pixels = pixels_of(image(scene), scene, **KEY)
+    unit, counts, tile = fields_of(pixels, scene, side)
+    used = (pixels.pixel >= 0) & scene.scored
+    np.testing.assert_array_equal(unit >= 0, used)
+    own, its_tile = field[used], pixels.tile[pixels.pixel[used]]
+    large = own == SCENE.n_fields
+    pieces = set(zip(own.tolist(), np.where(large, its_tile, -1).tolist(), strict=True))
+    assert len(pieces) == len(counts) > len(np.unique(own)) + 20
+    for place in np.unique(unit[used])[::7]:
+        mine = unit[used] == place
+        wanted = np.bincount(scene.cover[used][mine], minlength=4)
+        assert len(np.unique(own[mine])) == np.count_nonzero(wanted) == 1
+        np.testing.assert_array_equal(counts[place], wanted)
+        assert (its_tile[mine & large] == tile[place]).all()
+
+
 def test_fields_that_hold_no_pixel_do_not_teach_but_are_tested() -> None:
     """Small fields among large ones: their mixed pixels count in the score, not in the laws."""
     fine = np.kron(np.arange(6400).reshape(80, 80), np.ones((2, 2), dtype=int)) + SCENE.n_fields
@@ -203,6 +230,14 @@ def test_the_filter_keeps_edges_and_takes_noise() -> None:
     assert np.isfinite(_lee(noisy, np.array(1.0))).sum() == noisy.size - 1
 
 
+def test_neighbours_are_filtered_in_decibels_with_the_noise_of_their_looks() -> None:
+    db = 10.0 * np.log10(IMAGE.apparent_sigma0())
+    # Decibels of a gamma variable: scipy's log-gamma law.
+    noise = (10.0 / math.log(10.0)) ** 2 * loggamma(IMAGE.looks).var()[:, None] * np.ones(db.shape[1:])
+    wanted = np.stack([_lee(layer, noise) for layer in db]).reshape(2, -1)
+    np.testing.assert_allclose(10.0 * np.log10(layers_of(IMAGE, smooth=True)), wanted, rtol=1e-4)
+
+
 def test_neighbours_help_where_speckle_is_strong() -> None:
     scene = fields(side=16, n=192, cell_m=5.0)
     made = image(scene, 5.0, 5.4)
@@ -247,12 +282,13 @@ def test_segments_are_the_parcels_where_these_differ() -> None:
 
 
 def test_even_ground_is_not_cut_by_the_noise_of_coarser_pixels() -> None:
-    """Each tile is one segment: 16 finer pixels have one value of the coarser image, and its noise."""
+    """Each tile is one segment: finer pixels have one value of a coarser image or cell, and its noise."""
     even = fields(side=16, n=192, cell_m=5.0)
     even = replace(even, cover=np.zeros_like(even.cover), field_id=np.zeros_like(even.field_id))
-    images = [image(even, 5.0, 1.25, texture_db=0.0), image(even, 20.0, 5.4, texture_db=0.0)]
-    found = evidence_of(images, even, by="segment", **KEY)
-    assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[0], even, **KEY).tile)), abs=2)
+    fine, coarse = image(even, 5.0, 1.25, texture_db=0.0), image(even, 20.0, 5.4, texture_db=0.0)
+    for images in ([fine, coarse], [image(even, 20.0, 5.4, texture_db=0.0, pixel_m=5.0)]):
+        found = evidence_of(images, even, by="segment", **KEY)
+        assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[0], even, **KEY).tile)), abs=2)
 
 
 def test_segments_score_between_pixels_and_fields() -> None:
@@ -264,19 +300,23 @@ def test_segments_score_between_pixels_and_fields() -> None:
         assert pixel + 3.0 < segment < field
 
 
-def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:
+@pytest.mark.parametrize("distance", [0.5, 2.0, 4.0])
+def test_detection_holds_its_false_alarms_and_finds_what_separates(distance: float) -> None:
     rng = np.random.default_rng(0)
     n = 20_000
     truth = (rng.random(n) < 0.2).astype(int)
-    x = rng.normal(0.0, 1.0, n) + 2.0 * truth
-    counts = np.stack([1 - truth, truth], axis=1)
+    x = rng.normal(0.0, 1.0, n) + distance * truth
+    kind = truth * (1 + np.arange(n) % 2)  # two covers that look alike
+    counts = np.eye(3, dtype=int)[kind]
     evidence = Evidence(x[None], counts, np.arange(n) // 100, rng.random(n // 100), 0, counts)
-    score = score_evidence(evidence, ("other", "target"), Asked("detection", ("target",)))
-    alarms = score.confusion[0, 1] / score.confusion[0].sum()
+    score = score_evidence(evidence, ("other", "one", "two"), Asked("detection", ("one", "two")))
+    alarms = score.confusion[0, 1:].sum() / score.confusion[0].sum()
     assert alarms == pytest.approx(FALSE_ALARMS, abs=0.003)
-    # Two normal laws two standard deviations apart: Phi(2 - 1.645).
-    assert score.value == pytest.approx(63.9, abs=2.0)
-    assert (score.guess, score.perfect) == (5.0, 100.0)
+    found = norm.cdf(distance - norm.isf(FALSE_ALARMS))  # of two normal laws so many standard deviations apart
+    assert score.value == pytest.approx(100.0 * found, abs=250.0 * math.sqrt(found * (1.0 - found) / truth.sum()))
+    assert (score.guess, score.perfect, score.n_cells) == (5.0, 100.0, n)
+    right = np.diagonal(score.confusion) / np.bincount(kind)
+    assert list(score.details["per_class_percent"].values()) == pytest.approx(100.0 * right)
 
 
 def test_words_choose_cover_and_unit() -> None:

@@ -127,6 +127,26 @@ def test_water_follows_the_dielectric_model():
     assert 1.0 - water.h == pytest.approx(0.3034, abs=5e-5)
 
 
+def test_a_swamp_reflects_as_ground_whose_permittivity_goes_with_that_of_water():
+    """Under the row's layer of 0.011 Np at 20 GHz, without albedo; its roughness is the same at all frequencies."""
+
+    def reflected(f: float) -> float:
+        of_water = [abs(complex(permittivity_water_ulaby14(g, 20.0))) for g in (f, 20.0)]
+        root = np.sqrt(46.56 * (1.0 + 0.15j) * of_water[0] / of_water[1])
+        return abs((root - 1.0) / (root + 1.0)) ** 2 * np.exp(-2.0 * 0.011 * f / 20.0)
+
+    for f in (1.4, 6.9, 36.5):
+        found = TABLE.lookup(["Swamp"], f, "H").emissivity[0, 0, 0]
+        assert 1.0 - found == pytest.approx((1.0 - TABLE_3["Swamp"][0]) * reflected(f) / reflected(20.0), rel=1e-9)
+
+
+def test_angles_between_whole_degrees_are_on_straight_lines():
+    found = TABLE.lookup(["Bareground", "Water"], 1.4, "V")
+    angles = np.array([[0.0, 0.3, 12.75], [79.9, 90.0, 95.0]])
+    wanted = [[np.interp(angles, np.arange(91), line) for line in of_cover] for of_cover in found.emissivity]
+    np.testing.assert_allclose(found.at_angles(angles), wanted, rtol=1e-12)
+
+
 @pytest.mark.parametrize("f", [1.4, 18.7, 36.5, 89.0, 100.0, 166.0])
 def test_water_is_that_of_another_fit(f):
     """Fresh water at 20 C by Meissner and Wentz 2004 (IEEE TGRS 42(9), 1836-1849, eq. 8 to 11)."""

@@ -18,6 +18,7 @@ from seqrsm.sensor.named import (
     sensors_called,
     to_json,
 )
+from seqrsm.sensor.scan import scan_geometry
 
 DATA = Path(__file__).parents[1] / "reference" / "data"
 BY_TITLE = {one.title: one for one in named_sensors()}
@@ -93,6 +94,22 @@ def test_noise_of_sentinel_1_is_within_1_db_of_the_annotation(polarization: str)
         assert min(abs(found - level) for level in there) < 1.0, incidence
 
 
+def test_calibration_is_one_standard_deviation_of_what_is_stated() -> None:
+    """Sentinel-1: 1 dB at 3 sigma (product definition); NISAR: 0.9 dB at 1 sigma."""
+    stated = {"Sentinel-1 IW GRDH": 1.0 / 3.0, "NISAR L DH 20+5 (GCOV 20 m)": 0.9, "Umbra Spotlight": 0.0}
+    for title, sd_db in stated.items():
+        sensor = BY_TITLE[title]
+        assert radar_of(sensor, sensor.channels[0], 40.0).calibration_sd_db == pytest.approx(sd_db)
+
+
+def test_a_beam_that_turns_keeps_its_period_and_one_that_does_not_stays_while_it_integrates() -> None:
+    smap = radiometer_of(BY_TITLE["SMAP L 1.41 GHz"], "H+V")
+    assert smap.scan_period_s == pytest.approx(60.0 / 14.6, rel=0.01)  # revolutions a minute
+    pals = radiometer_of(BY_TITLE["PALS L 1.413 GHz low"], "H+V")
+    scan = scan_geometry(pals, pals.altitude_m, 3e3, 3e3)
+    assert (scan.smear, pals.speed_m_s * pals.scan_period_s) == pytest.approx((0.1, pals.footprint_m[0]))
+
+
 def test_names_are_found_by_their_words_and_unknown_ones_get_the_nearest() -> None:
     assert [one.mode for one in sensors_called("sentinel-1 iw")] == ["IW GRDH", "IW SLC", "IW GRDM"]
     assert [one.mode for one in sensors_called("Sentinel-1 IW GRDH")] == ["IW GRDH"]
@@ -111,5 +128,6 @@ def test_json_tells_of_each_value_what_it_rests_on() -> None:
     document = to_json(BY_TITLE["Sentinel-1 IW GRDH"])
     assert document["values"]["altitude_km"] == {"value": 693.0, "status": "recalled"}
     assert document["values"]["nesz_db"] == {"value": -25.8, "status": "seen"}
+    assert BY_TITLE["SAOCOM-1 Stripmap dual"].noise_rests == "seen"
     assert BY_TITLE["Umbra Spotlight"].noise_rests == "assumed"
     assert BY_TITLE["Umbra Spotlight"].noise_db(40.0) == -20.0

@@ -21,7 +21,7 @@ SETTINGS = {
     "peak_power": 100.0,
     "depression_angle": 45.0,
 }
-FIXED = {"altitude_m": 6000.0, "earth": "flat"}
+FIXED = {"altitude_m": 6000.0, "earth": "flat", "antenna_length_m": 3.0}
 C = 299792458.0
 
 
@@ -42,11 +42,17 @@ def test_resolutions_and_looks_by_the_printed_equations():
     assert r.wavelength_m == pytest.approx(C / 5.3e9, rel=1e-14)
     assert r.slant_resolution_m == pytest.approx(C / 1e8, rel=1e-14)
     assert r.ground_resolution_m(math.pi / 6) == pytest.approx(2 * C / 1e8, rel=1e-12)
-    assert r.azimuth_resolution_m(8000.0) == 1.0
+    assert r.azimuth_resolution_m(8000.0) == 1.5
     real = radar(aperture="real")
-    assert real.azimuth_resolution_m(8000.0) == pytest.approx(8000.0 * C / 5.3e9 / 2.0, rel=1e-14)
-    # N = (20 / 1) * (20 / (c / 2B sin theta)).
-    assert r.looks_available(math.pi / 4) == pytest.approx(20.0 * 20.0 / (C / 1e8 / math.sin(math.pi / 4)), rel=1e-12)
+    assert real.azimuth_resolution_m(8000.0) == pytest.approx(8000.0 * C / 5.3e9 / 3.0, rel=1e-14)
+    beam = radar(aperture="real", azimuth_beamwidth_deg=1.5)
+    assert beam.azimuth_resolution_m(8000.0) == pytest.approx(8000.0 * math.radians(1.5))
+    # N = (20 / 1.5) * (20 / (c / 2B sin theta)).
+    expected = (20.0 / 1.5) * 20.0 / (C / 1e8 / math.sin(math.pi / 4))
+    assert r.looks_available(math.pi / 4) == pytest.approx(expected, rel=1e-12)
+    # Rows of a slant-range image: 60 deg from the vertical, 20 m on the ground.
+    slant = from_settings({**SETTINGS, "depression_angle": 30.0}, {**FIXED, "range_format": "slant"})
+    assert slant.range_spacing_m == pytest.approx(20.0 * math.sqrt(0.75))
 
 
 def test_looks_reduce_to_equation_3_8_for_a_real_aperture_footprint():
@@ -85,8 +91,11 @@ def test_thermal_noise_and_gains():
     r = radar(noise_figure_db=0.0)
     np.testing.assert_allclose(r.thermal_noise_w(), 1.380649e-23 * 290.0 * 50e6, rtol=1e-12)
     assert r.compression_gain == 250.0
-    assert r.coherent_pulses(8000.0) == pytest.approx(1000.0 * 8000.0 * r.wavelength_m / 2.0 / 100.0)
+    assert r.coherent_pulses(8000.0) == pytest.approx(1000.0 * 8000.0 * r.wavelength_m / 3.0 / 100.0)
     assert radar(aperture="real").coherent_pulses(8000.0) == 1.0
+    # A pulse too short to be compressed, and an antenna that flies its length between two pulses, lose nothing.
+    assert radar(pulse_length_us=0.01).compression_gain == 1.0
+    assert radar(speed_m_s=1400.0).coherent_pulses(20.0) == 1.0
 
 
 def test_looks_used_are_those_asked_for_where_there_are_as_many():
@@ -94,6 +103,9 @@ def test_looks_used_are_those_asked_for_where_there_are_as_many():
     theta = np.radians([10.0, 45.0])
     np.testing.assert_allclose(r.looks_used(theta), [r.looks_available(theta[0]), 50.0])
     assert radar().looks_used(theta)[1] == radar().looks_available(theta[1])
+    # One sample where the cell is no wider than what the pulse and the antenna resolve.
+    one = from_settings({**SETTINGS, "bandwidth": C / 20e6}, {**FIXED, "antenna_length_m": 40.0})
+    np.testing.assert_allclose(one.looks_used(np.radians([20.0, 30.0])), 1.0, rtol=1e-9)
 
 
 def test_depression_points_at_the_centre_of_the_scene():
@@ -101,6 +113,11 @@ def test_depression_points_at_the_centre_of_the_scene():
     assert rows == slice(0, 101)
     assert y[50] == pytest.approx(5900.0)
     np.testing.assert_allclose(np.diff(y), 5.0)
+
+
+def test_grey_tones_are_asked_for_by_a_calibration_or_the_film():
+    asked = ({}, {"film_gamma": 1.1}, {"film_k": 1.1}, {"dynamic_range_db": 25.0}, {"i_min_w": 1e-12})
+    assert [radar(**changes).calibrated for changes in asked] == [False, True, True, True, True]
 
 
 def messages(**changes) -> str:
@@ -116,7 +133,7 @@ def messages(**changes) -> str:
     [
         ({"resolution": 4.0}, ["50 MHz", "4.24", "52.997 MHz"]),
         ({"resolution": 4.5, "antenna_length_m": 12.0}, ["12 m", "6 m"]),
-        ({"looks": 200.0}, ["94.34", "at most 94.346 looks"]),
+        ({"looks": 200.0}, ["62.9", "at most 62.897 looks"]),
         ({"looks": 0.5}, ["looks", "1 to 1e+06"]),
         ({"heading_deg": 450.0}, ["-360 to 360"]),
         ({"frequency": 0.0}, ["frequency: out of range", "0.1 to 100 GHz"]),
@@ -124,7 +141,7 @@ def messages(**changes) -> str:
         ({"polarization": "HH+RL"}, ["HH, HV, VV"]),
         ({"polarization": "HH+HH"}, ["each once"]),
         ({"polarization": ""}, ["set of channels"]),
-        ({"prf_hz": 50.0}, ["100 Hz"]),
+        ({"prf_hz": 50.0}, ["66.667 Hz"]),
         ({"pulse_length_us": 2000.0}, ["1000 us"]),
         ({"aperture": "lens"}, ["synthetic, real"]),
         ({"season": "monsoon"}, ["spring_summer"]),
@@ -160,12 +177,16 @@ def test_all_problems_are_told_at_once():
     assert len(caught.value.problems) == 3
 
 
-def test_what_a_message_allows_is_allowed():
+def test_what_a_message_allows_is_allowed_and_hardly_more():
     limit = float(re.search(r"at most ([0-9.]+) looks", messages(looks=200.0))[1])
     assert from_settings({**SETTINGS, "looks": limit}, FIXED).looks == limit
+    assert "looks" in messages(looks=1.001 * limit)
+    assert radar(pulse_length_us=999.0).pulse_length_us == 999.0
+    assert "Keep it below 1000 us" in messages(pulse_length_us=1001.0)
     bandwidth, resolution = map(float, re.findall(r"at least ([0-9.]+) M?H?z?m?", messages(resolution=4.0)))
     assert from_settings({**SETTINGS, "resolution": 4.0, "bandwidth": bandwidth}, FIXED).bandwidth_mhz == bandwidth
     assert from_settings({**SETTINGS, "resolution": resolution}, FIXED).resolution_m == resolution
+    assert "resolution" in messages(resolution=0.999 * resolution)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.constants import COSMIC_BACKGROUND_K
-from seqrsm.scattering.atmosphere import Atmosphere, _regression, cloud_db_per_kg_m2, make_atmosphere, rain_db_km
+from seqrsm.scattering.atmosphere import Atmosphere, cloud_db_per_kg_m2, make_atmosphere, rain_db_km
 from seqrsm.scattering.readers import numbers_of, shipped_rows
 from seqrsm.sensor.parameters import RADIOMETER
 
@@ -112,20 +112,29 @@ def test_no_atmosphere_leaves_space():
     assert float(air.sky_k(0.3)) == COSMIC_BACKGROUND_K
 
 
-@pytest.mark.parametrize(("f", "db_km"), [(10.0, 0.0920), (15.0, 0.273), (36.0, 1.52), (89.0, 3.87)])
-def test_rain_against_an_independent_package(f, db_km):
-    x = np.log10(f)
-    h, v = (10.0 ** _regression(x, "k", p) * 5.0 ** _regression(x, "alpha", p) for p in "HV")
-    assert h == pytest.approx(db_km, rel=0.04)
-    assert v < h
-    assert rain_db_km(f, 5.0) == pytest.approx(0.5 * (h + v), rel=1e-12)
+@pytest.mark.parametrize(("f", "k_h", "alpha_h", "k_v", "alpha_v"), [
+    (1.0, 2.59e-5, 0.9691, 3.08e-5, 0.8592), (10.0, 0.01217, 1.2571, 0.01129, 1.2156),
+    (30.0, 0.2403, 0.9485, 0.2291, 0.9129), (100.0, 1.3671, 0.6815, 1.3680, 0.6765),
+])  # fmt: skip
+def test_loss_of_rain_is_that_of_the_recommendations_table(f, k_h, alpha_h, k_v, alpha_v):
+    """ITU-R P.838-3, table 5."""
+    for rate in (2.0, 50.0):
+        assert rain_db_km(f, rate) == pytest.approx(0.5 * (k_h * rate**alpha_h + k_v * rate**alpha_v), rel=5e-4)
     assert rain_db_km(f, 0.0) == 0.0
+    assert rain_db_km(0.4, 5.0) == rain_db_km(1.0, 5.0)
 
 
-def test_weather_adds_loss_in_order():
-    losses = [zenith_loss_db(make_atmosphere(30.0, weather=w)) for w in ("clear", "cloud", "rain")]
-    assert losses[1] - losses[0] == pytest.approx(0.3 * cloud_db_per_kg_m2(30.0))
-    assert losses[2] - losses[1] == pytest.approx(3.0 * rain_db_km(30.0, 5.0))
+def test_weather_adds_loss_where_its_drops_are():
+    """A cloud from 1 to 2 km, rain from the ground to 3 km."""
+    for height_m, of_cloud, rain_km in (
+        (500.0, 0.0, 0.5), (1220.0, 0.22, 1.22), (1910.0, 0.91, 1.91), (2930.0, 1.0, 2.93), (np.inf, 1.0, 3.0)
+    ):  # fmt: skip
+        clear, cloud, rain = (
+            -10.0 * np.log10(float(make_atmosphere(30.0, weather=w).transmission(0.0, height_m)))
+            for w in ("clear", "cloud", "rain")
+        )
+        assert cloud - clear == pytest.approx(of_cloud * 0.3 * cloud_db_per_kg_m2(30.0), abs=1e-9)
+        assert rain - cloud == pytest.approx(rain_km * rain_db_km(30.0, 5.0))
 
 
 def test_a_radiometer_is_asked_for_no_air_that_is_not_known():

@@ -15,7 +15,7 @@ from prm_cases import Table, image, radiometer, scene
 from shorthands import percent_correct
 
 from seqrsm.score.cover import score_evidence
-from seqrsm.score.evidence import Evidence
+from seqrsm.score.evidence import Evidence, pixels_of, seen_pixels
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
@@ -48,6 +48,23 @@ def test_plain_ground_is_classified_and_alike_ground_is_not():
     assert good.n_cells == PATCH.size
     assert good.confusion.sum() == PATCH.size
     assert set(good.details["per_class_percent"]) == {"class 0", "class 1"}
+
+
+def test_tiles_are_an_eighth_of_the_shorter_side_and_blind_footprints_hold_no_cells():
+    s = land(("class 0", "class 1"))
+    found = image(s, radiometer(**FINE), Table((0.5, 0.9)))
+    pixels = pixels_of(found, s, seed=1, run_id=1)
+    row, column = np.nonzero(pixels.pixel >= 0)
+    tile = pixels.tile[pixels.pixel[row, column]]
+    # All fields here are smaller than a tile, 150 m, and wholly in one: its cells lie no farther apart than both.
+    for one in np.unique(tile):
+        assert max(np.ptp(row[tile == one]), np.ptp(column[tile == one])) * 10.0 < 150.0 + 2 * 100.0
+    assert len(np.unique(tile)) == pytest.approx(8 * 1600 / 150, abs=8)
+    blind = [0, 7]
+    found.brightness_k.reshape(found.brightness_k.shape[0], -1)[:, blind] = math.nan
+    wanted = np.where(np.isin(found.pixel_of_cell, blind), -1, found.pixel_of_cell)
+    np.testing.assert_array_equal(seen_pixels(found), wanted)
+    assert (wanted != found.pixel_of_cell).any()
 
 
 def test_coarse_beams_pay_for_mixed_ground_and_gaps_for_what_they_miss():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.scattering.readers import POLARIZATIONS
+from seqrsm.scattering.models import backscatter_oh92, permittivity_soil
+from seqrsm.scattering.readers import POLARIZATIONS, shipped_rows
 from seqrsm.scattering.seasons import snow_volume, under_snow
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.sensor.radar import RadarConfiguration
@@ -42,6 +43,13 @@ def test_snow_of_no_depth_changes_nothing_and_dry_snow_is_nearly_transparent_to_
         assert abs(dry - bare) < most
 
 
+def test_a_lookup_gives_the_depth_of_snow_in_cm():
+    ground = [TABLE.lookup(["Wheat"], 5.4, channel, season="winter").sigma0[0] for channel in POLARIZATIONS]
+    wanted, _ = under_snow(10.0 * np.log10(ground), 5.4, "wet", 0.03)
+    found = TABLE.lookup(["Wheat"], 5.4, "VV", season="winter", snow="wet", snow_depth_cm=3.0).sigma0[0]
+    np.testing.assert_allclose(10.0 * np.log10(found[:76]), wanted[2, :76], atol=1e-9)
+
+
 def test_deep_wet_snow_hides_what_is_beneath_and_thin_snow_does_not():
     value = np.full((3, 91), -10.0)
     deep, _ = under_snow(value, 9.6, "wet", 5.0)
@@ -49,6 +57,45 @@ def test_deep_wet_snow_hides_what_is_beneath_and_thin_snow_does_not():
     np.testing.assert_allclose(deep, other, atol=1e-9)
     thin, _ = under_snow(value, 9.6, "wet", 1e-4)
     assert np.abs(thin[:, 20:60] - value[:, 20:60]).max() < 0.2
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.25, 2.0, 3.0, 4.5, 5.4, 13.6])
+def test_deep_wet_snow_is_that_of_ulaby_and_dobson(frequency):
+    """p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6) at L, S and C, straight over the logarithm of frequency between."""
+    rows, theta = shipped_rows("snow_wet.csv"), np.deg2rad(np.arange(20.0, 61.0))
+    found, _ = under_snow(np.full((3, 91), -50.0), frequency, "wet", 500.0)
+    for channel, level in zip(POLARIZATIONS, found, strict=True):
+        own = [row for row in rows if row.text("polarization") == channel]
+        nodes = [np.log(float(row.text("frequency_ghz"))) for row in own]
+        p = np.array([[float(row.text(f"p{k}")) for k in range(1, 7)] for row in own])[:, :, None]
+        values = p[:, 0] + p[:, 1] * np.exp(-p[:, 2] * theta) + p[:, 3] * np.cos(p[:, 4] * theta + p[:, 5])
+        wanted = [np.interp(np.log(frequency), nodes, column) for column in values.T]
+        np.testing.assert_allclose(level[20:61], wanted, atol=1e-6)
+
+
+def test_ground_under_dry_snow_is_weakened_twice_along_the_refracted_path():
+    (row,) = (row for row in shipped_rows("snow_dry.csv") if float(row.text("frequency_ghz")) == 36.0)
+    per_m = float(row.text("scattering_per_m")) + float(row.text("absorption_per_m"))
+    found, _ = under_snow(np.full((3, 91), -10.0), 36.0, "dry", 0.5)
+    for theta in (0, 30, 60):
+        inside = np.cos(np.arcsin(np.sin(np.deg2rad(theta)) / np.sqrt(float(row.text("permittivity")))))
+        # HV has no volume of its own here.
+        assert found[1, theta] == pytest.approx(-10.0 - 10.0 * np.log10(np.e) * 2.0 * per_m * 0.5 / inside)
+
+
+def test_a_frozen_lake_is_smooth_ice_and_frozen_ground_feels_no_moisture():
+    wavenumber, theta = 2.0 * np.pi * 5.4e9 / 299792458.0, np.deg2rad([30.0, 50.0])
+    ice = backscatter_oh92(3.15 + 0.001j, wavenumber * 0.003, theta)
+    soils = (4.5 + 0.2j, complex(permittivity_soil(5.4, 0.2)))  # frozen, and of 0.2 m3/m3
+    frozen, thawed = (backscatter_oh92(soil, wavenumber * 0.01, theta) for soil in soils)
+    for k, channel in enumerate(POLARIZATIONS):
+        lake, winter = TABLE.lookup(["Water", "Bareground"], 5.4, channel, season="winter").sigma0[:, [30, 50]]
+        summer = TABLE.lookup(["Bareground"], 5.4, channel, soil_moisture=0.2).sigma0[0, [30, 50]]
+        np.testing.assert_allclose(lake, ice[k], rtol=1e-6)
+        np.testing.assert_allclose(winter / summer, frozen[k] / thawed[k], rtol=1e-6)
+    for season, frozen in (("spring_summer", False), ("winter", True)):
+        dry, wet = (TABLE.lookup(["Bareground"], 5.4, "VV", season=season, soil_moisture=m).sigma0 for m in (0.1, 0.3))
+        assert np.array_equal(dry, wet) == frozen
 
 
 @pytest.mark.parametrize("season", ["fall", "winter"])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import linregress
 
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_rows
@@ -130,8 +131,9 @@ def test_extrapolation_reaches_one_octave_and_is_flagged() -> None:
 
 
 def test_extrapolated_values(tmp_path: Path) -> None:
-    """Table of -20, -14, -12 dB at 1, 2, 4 GHz: first slope 6 dB/octave below, half of the line's 4 above."""
-    levels = {1.0: -20.0, 2.0: -14.0, 4.0: -12.0}
+    """Table of -20, -14, -12 dB at 1, 4, 8 GHz: below the first slope of 3 dB/octave, above half of the line's."""
+    levels = {1.0: -20.0, 4.0: -14.0, 8.0: -12.0}
+    line = linregress([0.0, 2.0, 3.0], [*levels.values()]).slope
     path = tmp_path / "own.csv"
     rows = [
         f"sigma0,Wheat,{f},{p},,{t},{v - 0.1 * t},,dB,measured,me\n"
@@ -141,8 +143,11 @@ def test_extrapolated_values(tmp_path: Path) -> None:
     ]
     path.write_text(HEADER + "".join(rows), encoding="utf-8")
     table = load_sigma0_table(path)
-    for frequency, level in ((0.5, -26.0), (8.0, -10.0), (1.0, -20.0), (np.sqrt(8.0), -13.0)):
-        found = 10.0 * np.log10(table.lookup(["Wheat"], frequency, "VV").sigma0[0])
+    for frequency, level in ((0.5, -23.0), (16.0, -12.0 + 0.5 * line), (1.0, -20.0), (2.0, -17.0)):
+        wheat = table.lookup(["Wheat"], frequency, "VV")
+        found = 10.0 * np.log10(wheat.sigma0[0])
+        # Such a table does not tell how much dates scatter.
+        assert wheat.date_sd_db == TABLE.lookup(["Wheat"], 5.4, "VV").date_sd_db
         assert found[[0, 15, 30, 45]] == pytest.approx([level, level - 1.5, level - 3.0, level - 4.5])
 
 

@@ -69,6 +69,17 @@ def test_each_source_has_its_own_variance() -> None:
     assert not found.prior_driven
 
 
+def test_weights_of_all_runs_alike_change_only_their_unit() -> None:
+    X, y, flight = campaign(30, 12, 3)
+    plain, heavy = (fit_sources(MODEL, X, y, flight, weights=w, prior_sd=2.0) for w in (None, np.full(42, 4.0)))
+    np.testing.assert_allclose(heavy.estimate, plain.estimate, rtol=1e-6)
+    assert (heavy.s, heavy.s_simulation) == pytest.approx((2.0 * plain.s, 2.0 * plain.s_simulation), rel=1e-6)
+    row = MODEL.matrix(np.array([[0.3, 0.1]]))
+    mean, future = heavy.predict(row), heavy.predict(row, weight=4.0)
+    assert mean.confidence.high == pytest.approx(plain.predict(row).confidence.high, rel=1e-6)
+    assert future.prediction.high == pytest.approx(plain.predict(row).prediction.high, rel=1e-6)
+
+
 def test_few_flights_are_said_to_be_prior() -> None:
     X, y, flight = campaign(30, 2, 3)
     few = fit_sources(MODEL, X, y, flight, prior_sd=2.0)

@@ -53,11 +53,11 @@ def test_all_parts_hold_and_it_stops() -> None:
 @pytest.mark.parametrize(
     ("part", "changes", "number"),
     [
-        ("interval", {"s": 2.5}, "± 5.5"),
+        ("interval", {"s": 2.3}, "± 5.1"),
         ("runs", {"n_runs": 44}, "45 are required"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
         ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
-        ("lack_of_fit", {"lack_of_fit": 0.04}, "p = 0.04"),
+        ("lack_of_fit", {"lack_of_fit": 0.04}, "significant: the quadratic does not describe this region (p = 0.04"),
     ],
 )
 def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
@@ -67,7 +67,7 @@ def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: st
     assert failing == [part]
     text = next(check.text for check in decision.checks if check.name == part)
     assert number in text
-    assert text in decision.reasons
+    assert decision.reasons == (text,)
 
 
 def test_untestable_lack_of_fit_does_not_stop_a_campaign() -> None:
@@ -181,6 +181,12 @@ def test_disagreeing_confirmation_is_told_under_the_other_guards() -> None:
 
 def test_reachable_target_is_no_problem() -> None:
     assert target_problem(StopRule(half_width=5.0, max_runs=60), 2.0, 15) == ""
+    # No design tells a mean better than all runs made there.
+    least = stats.t.ppf(0.975, 45) * 2.0 / np.sqrt(60)
+    rules = [StopRule("confidence", share * least, max_runs=60) for share in (1.001, 0.999)]
+    assert [target_problem(rule, 2.0, 15, "percent") for rule in rules] == [
+        "", f"60 runs cannot reach a half-width of {0.999 * least:.3g} percent."
+    ]  # fmt: skip
 
 
 def test_unreachable_targets_are_explained() -> None:
@@ -225,12 +231,17 @@ def test_confirmation_interval_is_the_t_interval() -> None:
 
 def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     fresh = confirmation_interval([71.0, 73.5, 70.2, 74.1, 72.0])
-    limit = stats.t.ppf(0.975, 12) * 1.8 * np.sqrt(1 / 5 + 0.3)
-    inside = agreement(fresh, fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
-    outside = agreement(fresh, fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
-    assert inside.agrees
-    assert not outside.agrees
-    assert inside.p == pytest.approx(0.05, abs=2e-3)
+    se = 1.8 * np.sqrt(1 / 5 + 0.3)
+    limit = stats.t.ppf(0.975, 12) * se
+    for sign in (-1.0, 1.0):
+        inside = agreement(fresh, fresh.mean + 0.999 * sign * limit, s=1.8, df=12, h=0.3)
+        outside = agreement(fresh, fresh.mean + 1.001 * sign * limit, s=1.8, df=12, h=0.3)
+        assert inside.agrees
+        assert not outside.agrees
+        near = agreement(fresh, fresh.mean + 0.4 * sign, s=1.8, df=12, h=0.3)
+        assert near.p == pytest.approx(2.0 * stats.t.sf(0.4 / se, 12))
+    # Runs that all scored the same foretell exactly that.
+    assert [agreement(fresh, fresh.mean + off, s=0.0, df=12, h=0.3).p for off in (0.0, 0.1)] == [1.0, 0.0]
     assert "disagree" in outside.text
 
 

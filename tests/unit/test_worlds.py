@@ -101,10 +101,15 @@ def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
     one = TABLE.in_world(World(1979, 4))
     both, alone = one.lookup(["Wheat", "Trees"], 3.0, "HH"), one.lookup(["Trees"], 3.0, "HH")
     np.testing.assert_array_equal(both.sigma0[1], alone.sigma0[0])
-    plain = TABLE.lookup(["Trees"], 3.0, "HH")
-    away = 10.0 * np.log10(alone.sigma0[0] / plain.sigma0[0])
-    np.testing.assert_allclose(away, plain.mean_sd_db[0] * World(1979, 4).departure("Trees", "", 3.0, "HH"), atol=1e-9)
-    assert alone.field_sd_db[0] / plain.field_sd_db[0] == pytest.approx(World(1979, 4).field_factor("Trees"))
+    plain = TABLE.lookup(["Wheat", "Trees"], 3.0, "HH")
+    for k, kin in enumerate((("Wheat", "short_vegetation"), ("Trees", ""))):
+        away = 10.0 * np.log10(both.sigma0[k] / plain.sigma0[k])
+        np.testing.assert_allclose(away, plain.mean_sd_db[k] * World(1979, 4).departure(*kin, 3.0, "HH"), atol=1e-9)
+    assert alone.field_sd_db[0] / plain.field_sd_db[1] == pytest.approx(World(1979, 4).field_factor("Trees"))
+    spread = [
+        table.lookup(["Trees"], 3.0, "H").field_sd[0] for table in (EMISSIVITY.in_world(World(1979, 4)), EMISSIVITY)
+    ]
+    assert spread[0] / spread[1] == pytest.approx(World(1979, 4).field_factor("Trees"))
     assert len({World(1979, number).field_factor("Trees") for number in range(20)}) == 20
     assert np.abs(TABLE.in_world(World(1979, 5)).lookup(["Trees"], 3.0, "HH").sigma0 / alone.sigma0 - 1.0).max() > 0.01
 
