@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         The file cannot be written.
     """
     notes = dict(scene.category_notes)
-    members: dict[str, AnyArray] = {
+    members: dict[str, Any] = {
         "schema": np.array(SCHEMA),
         **_packed_elevation(scene.elevation_m),
         "cover": scene.cover,
@@ -56,7 +56,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "provenance": np.array(scene.provenance),
         **scene.states,
     }
-    put(Path(path), lambda stream: np.savez_compressed(stream, allow_pickle=False, **members))
+    put(Path(path), lambda stream: np.savez_compressed(stream, **members))
 
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:
