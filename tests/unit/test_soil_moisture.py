@@ -20,7 +20,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.bare_soil import retrieved_fields
+from seqrsm.score.bare_soil import _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
     _costs,
@@ -292,6 +292,23 @@ def test_a_radar_believes_its_backscatter_as_far_as_it_may() -> None:
         truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
         slopes.append(np.cov(value, truth)[0, 1] / value.var())
     assert 0.75 < np.mean(slopes) < 1.15
+
+
+def test_a_bare_field_departs_by_roughness_its_parts_and_speckle() -> None:
+    table, one = load_sigma0_table(), np.zeros((SIDE, SIDE), dtype=int)
+    s = replace(land(("Bareground",), one), field_id=one.astype(np.int32))
+    found = radar_image(s, table, texture_db=2.0, texture_m=40.0)
+    place = np.full(one.shape, -1, dtype=np.int32)
+    place[70:78, 70:78] = 0
+    _, covariance = _departures_db(found, s, place, np.array([0]), _tables(found, s))
+    hh, vv = (table.lookup(["Bareground"], 5.4, channel) for channel in ("HH", "VV"))
+    row = found.pixel_of_cell[place == 0] // found.intensity.shape[2]
+    parts, looks = 2.0**2 / (80.0**2 / 40.0**2), found.looks[row].mean() * 80.0**2 / 20.0**2
+    speckle = (10.0 / np.log(10.0)) ** 2 / looks
+    own = [sd**2 + parts + speckle for sd in (hh.field_sd_db[0], vv.field_sd_db[0])]
+    assert covariance[0].diagonal() == pytest.approx(own, rel=1e-3)
+    both = hh.channel_correlation * (hh.field_sd_db[0] * vv.field_sd_db[0] + parts)
+    assert covariance[0, 0, 1] == covariance[0, 1, 0] == pytest.approx(both, rel=1e-3)
 
 
 def test_what_lies_beside_small_bare_fields_does_not_outshine_them() -> None:
