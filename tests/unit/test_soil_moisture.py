@@ -20,7 +20,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.bare_soil import retrieved_fields
+from seqrsm.score.bare_soil import _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
     _costs,
@@ -79,17 +79,23 @@ def test_without_disturbance_the_moisture_is_found(cone_deg: float) -> None:
     assert blocks.std() == pytest.approx(error.details["truth_sd"], rel=0.25)
 
 
-def test_the_posterior_is_that_of_quadrature() -> None:
-    """One Gaussian observation of a straight line under a Gaussian prior, by scipy's integrals."""
-    slope, seen, noise, mean, sd = -150.0, 250.0, 4.0, 0.2, 0.05
+@pytest.mark.parametrize(("bend", "noise", "sd"), [(0.0, 4.0, 0.05), (300.0, 20.0, 0.3)])
+def test_the_posterior_is_that_of_quadrature(bend: float, noise: float, sd: float) -> None:
+    """One Gaussian observation of a line, straight or bent, under a Gaussian prior, by scipy's integrals."""
+    slope, seen, mean = -150.0, 250.0, 0.2
+
+    def shown(m):
+        return 280.0 + slope * (m - 0.1) + bend * (m - 0.1) ** 2
 
     def law(m: float) -> float:
-        return float(stats.norm.pdf(seen, 280.0 + slope * (m - 0.1), noise) * stats.norm.pdf(m, mean, sd))
+        return float(stats.norm.pdf(seen, shown(m), noise) * stats.norm.pdf(m, mean, sd))
 
     whole = integrate.quad(law, GRID[0], GRID[-1], points=[0.2, 0.3])[0]
     wanted = integrate.quad(lambda m: m * law(m), GRID[0], GRID[-1], points=[0.2, 0.3])[0] / whole
-    cost = np.square((seen - 280.0 - slope * (GRID - 0.1)) / noise)
-    assert posterior_mean(cost[None], GRID, mean, sd)[0] == pytest.approx(wanted, abs=2e-4)
+    cost = np.square((seen - shown(GRID)) / noise)
+    assert posterior_mean(cost[None], GRID, mean, sd)[0] == pytest.approx(wanted, abs=1e-3)
+    if bend:
+        return
     # Conjugate, far from the ends.
     shrunk = (mean / sd**2 + 0.3 * (slope / noise) ** 2) / (1.0 / sd**2 + (slope / noise) ** 2)
     assert wanted == pytest.approx(shrunk, abs=1e-4)
@@ -131,9 +137,10 @@ def test_what_a_table_has_wrong_may_change_with_the_angle() -> None:
     assert mean_skill(land(("Bareground", "Grass")), 10.7) > 0.69
 
 
-def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
+@pytest.mark.parametrize(("frequency", "radiation"), [(1.4, "rayleigh_jeans"), (36.0, "planck")])
+def test_what_is_expected_is_what_an_undisturbed_image_shows(frequency: float, radiation: str) -> None:
     s = land(("Bareground", "Grass"))
-    r = radiometer(frequency_ghz=1.4, **BAND)
+    r = radiometer(frequency_ghz=frequency, **{**BAND, "radiation": radiation})
     found = still_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1)
     ground = expected_ground(found, s, seen_pixels(found))
     np.testing.assert_allclose(ground.share.sum(axis=-1), 1.0)
@@ -285,6 +292,23 @@ def test_a_radar_believes_its_backscatter_as_far_as_it_may() -> None:
         truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
         slopes.append(np.cov(value, truth)[0, 1] / value.var())
     assert 0.75 < np.mean(slopes) < 1.15
+
+
+def test_a_bare_field_departs_by_roughness_its_parts_and_speckle() -> None:
+    table, one = load_sigma0_table(), np.zeros((SIDE, SIDE), dtype=int)
+    s = replace(land(("Bareground",), one), field_id=one.astype(np.int32))
+    found = radar_image(s, table, texture_db=2.0, texture_m=40.0)
+    place = np.full(one.shape, -1, dtype=np.int32)
+    place[70:78, 70:78] = 0
+    _, covariance = _departures_db(found, s, place, np.array([0]), _tables(found, s))
+    hh, vv = (table.lookup(["Bareground"], 5.4, channel) for channel in ("HH", "VV"))
+    row = found.pixel_of_cell[place == 0] // found.intensity.shape[2]
+    parts, looks = 2.0**2 / (80.0**2 / 40.0**2), found.looks[row].mean() * 80.0**2 / 20.0**2
+    speckle = (10.0 / np.log(10.0)) ** 2 / looks
+    own = [sd**2 + parts + speckle for sd in (hh.field_sd_db[0], vv.field_sd_db[0])]
+    assert covariance[0].diagonal() == pytest.approx(own, rel=1e-5)
+    both = hh.channel_correlation * (hh.field_sd_db[0] * vv.field_sd_db[0] + parts)
+    assert covariance[0, 0, 1] == covariance[0, 1, 0] == pytest.approx(both, rel=1e-5)
 
 
 def test_what_lies_beside_small_bare_fields_does_not_outshine_them() -> None:

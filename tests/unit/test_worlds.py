@@ -56,6 +56,11 @@ def test_correlations_are_those_stated(other: tuple, correlation: float) -> None
     assert found == pytest.approx(correlation, abs=4.0 * (1.0 - correlation**2) / np.sqrt(N) + 0.03)
 
 
+def test_h_and_v_of_emissivity_part_as_the_square_of_the_sine() -> None:
+    h, v = (drawn("Wheat", "", 1.4, polarization, 45) for polarization in ("H", "V"))
+    assert np.corrcoef(h, v)[0, 1] == pytest.approx(1.0 - 0.3 * 0.5, abs=0.03)
+
+
 def test_h_and_v_of_emissivity_meet_at_nadir() -> None:
     one = EMISSIVITY.in_world(World(3, 7))
     h, v = (one.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V"))
