@@ -183,7 +183,7 @@ def _gap(analysis: Analysis) -> list[Block]:
         first, last = format_setting(factors[name], low, unit=False), format_setting(factors[name], high)
         ranges.append(f"{readable(name)} {first} to {last}")
     text = (
-        "Intervals take the score to change smoothly between runs. The largest box without a run has "
+        "Intervals take the score to change smoothly between runs. The largest box without a run spans "
         f"{format_share(analysis.gap.share)} of each factor's coded range: {listing(ranges)}. A peak within it would "
         "be unseen."
     )
