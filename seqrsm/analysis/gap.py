@@ -9,9 +9,10 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.design.region import Region
+from seqrsm.propose.cloud import climb
 
-_SPREAD, _KEPT, _MOVES = 4000, 40, 25  # places at first, those that go on to a round, and how often each moves
-_RADII = 0.3 * 0.7 ** np.arange(14)  # coded, of the rounds
+_SPREAD = 4000  # places at first
+_RADII = (0.3 * 0.7 ** np.arange(14)).tolist()  # coded, of the steps from the best of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +56,8 @@ def largest_gap(region: Region, points: FloatArray) -> Gap | None:
             np.minimum(found, np.max(np.abs(at[:, numeric] - run), axis=1), out=found)
         return found
 
-    at = region.sample(_SPREAD, rng)
-    for radius in _RADII:
-        at = at[np.argsort(-half_sides(at))[:_KEPT]]
-        moved = region.jitter(np.repeat(at, _MOVES, axis=0), radius, rng)
-        at = np.vstack([at, moved[region.feasible(moved)]])
-    sides = half_sides(at)
-    centre, half = at[np.argmax(sides)], float(np.max(sides))
+    centre = climb(half_sides, region, region.sample(_SPREAD, rng), rng, radii=_RADII)[0]
+    half = float(half_sides(centre[None, :])[0])
     ends = np.tile(centre, (2, 1))
     for j in numeric:
         ends[:, j] = centre[j] - half, centre[j] + half

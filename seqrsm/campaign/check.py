@@ -139,10 +139,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         found, seconds, notes = _probe(spec, progress)
         covers = scene_at(str(spec.scene_path)).categories
     found = [_so_far_or(one, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)]
-    rules = [stop_rule(spec.stop_of(a.name), one.share) for one, a in zip(found, spec.applications, strict=True)]
     rules = [
-        with_days(rule, analyses[a.name].belief, analyses[a.name].optimum.point) if a.name in analyses else rule
-        for rule, a in zip(rules, spec.applications, strict=True)
+        _rule_of(spec, a, one.share, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)
     ]
     floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
     own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
@@ -279,6 +277,12 @@ class _Scatter(NamedTuple):
     source: str = "unknown before the first repeats"
     spread: float = float("nan")
     level: float = float("nan")
+
+
+def _rule_of(spec: CampaignSpec, application: ApplicationSpec, share: float, analysis: Analysis | None) -> StopRule:
+    """The application's rule, as `status` will apply it to the scores so far, where there are any."""
+    rule = stop_rule(spec.stop_of(application.name), share)
+    return rule if analysis is None else with_days(rule, analysis.belief, analysis.optimum.point)
 
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:

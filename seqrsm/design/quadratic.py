@@ -97,13 +97,22 @@ class QuadraticModel(OfFactors):
         return tuple(columns)
 
     def base(self, points: FloatArray) -> FloatArray:
-        """Return the base columns (n, m) of coded points (n, k): one, numeric factors, contrasts."""
+        """Return the base columns (n, m) of coded points (n, k): one, numeric factors, contrasts.
+
+        Raises
+        ------
+        ValueError
+            A level index that is none.
+        """
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         columns = [np.ones((points.shape[0], 1)), points[:, list(self.numeric)]]
         for i in self.categorical:
             factor = self.factors[i]
             assert isinstance(factor, CategoricalFactor)
-            columns.append(factor.contrasts[points[:, i].astype(np.intp)])
+            index = points[:, i].astype(np.intp)
+            if np.any(index != points[:, i]) or np.any(index < 0) or np.any(index >= len(factor.levels)):
+                raise ValueError(f"column {i} holds a value that is no level index of '{factor.name}'")
+            columns.append(factor.contrasts[index])
         return np.hstack(columns)
 
     def matrix(self, points: FloatArray) -> FloatArray:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.gap import largest_gap
+from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.region import Region
+from seqrsm.report.blocks import Paragraph
+from seqrsm.report.sections.optimum import optimum_section
 
 
 def region(*factors, constraints=()) -> Region:
@@ -30,6 +34,8 @@ def test_the_largest_interval_between_neighbours_in_one_factor():
     found = largest_gap(region(ContinuousFactor("a", -1.0, 1.0)), np.array([[-1.0], [-0.7], [0.3], [1.0], [0.3]]))
     assert found.share == pytest.approx(0.5, abs=0.002)
     assert found.ranges["a"] == pytest.approx((-0.7, 0.3), abs=0.005)
+    found = largest_gap(region(ContinuousFactor("a", -1.0, 1.0)), np.array([[-0.5], [0.3], [1.0]]))
+    assert found.ranges["a"] == pytest.approx((-0.5, 0.3), abs=0.005)
 
 
 @pytest.mark.parametrize("k", [2, 3, 4])
@@ -71,3 +77,22 @@ def test_centres_keep_the_constraints():
 
 def test_levels_alone_have_no_box():
     assert largest_gap(region(DiscreteFactor("looks", (1.0, 2.0, 4.0))), np.array([[-1.0], [1.0]])) is None
+
+
+def test_report_and_json_tell_it_with_units(tmp_path) -> None:
+    """Corners, middles of the edges and the centre: every box without a run has half of each range."""
+    factors = '[[factor]]\nname = "x"\nunit = "m"\nlow = 0.0\nhigh = 10.0\n'
+    factors += '[[factor]]\nname = "y"\nlow = 0.0\nhigh = 2.0\n'
+    points = np.array([[a, b] for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)] * 2)
+    scores = 50.0 - points[:, 0] ** 2 + np.random.default_rng(1).normal(size=18)
+    made = campaign(tmp_path / "c", specification(factors), points, scores)
+    (analysis,) = made.analyse_all(thorough=True)
+    told = analysis_to_json(analysis)["largest_gap"]
+    assert told["share"] == pytest.approx(0.5, abs=0.01)
+    assert np.ptp(told["ranges"]["x"]) == pytest.approx(5.0, abs=0.1)
+    blocks = optimum_section(analysis, "score", made.spec.stop).blocks
+    (text,) = [one.text for one in blocks if isinstance(one, Paragraph) and "without a run" in one.text]
+    text = text.replace("\u00a0", " ")
+    assert "50 % of each factor's coded range: x " in text
+    assert " m and y " in text
+    assert "largest_gap" not in analysis_to_json(made.analyse_all()[0])

@@ -76,3 +76,10 @@ def test_factor_terms_hold_the_factor():
         "polarization[HH]:resolution",
         "resolution^2",
     }
+
+
+def test_wrong_points_are_refused():
+    model = QuadraticModel((F, P))
+    for bad in ([[0.0, 3.0]], [[0.0, -1.0]], [[0.0, 0.5]]):
+        with pytest.raises(ValueError):
+            model.matrix(np.array(bad))
