@@ -93,6 +93,6 @@ def test_report_and_json_tell_it_with_units(tmp_path) -> None:
     blocks = optimum_section(analysis, "score", made.spec.stop).blocks
     (text,) = [one.text for one in blocks if isinstance(one, Paragraph) and "without a run" in one.text]
     text = text.replace("\u00a0", " ")
-    assert "50 % of each factor's coded range: x " in text
+    assert "50 % of each continuous factor's coded range: x " in text
     assert " m and y " in text
     assert "largest_gap" not in analysis_to_json(made.analyse_all()[0])

@@ -184,8 +184,8 @@ def _gap(analysis: Analysis) -> list[Block]:
         ranges.append(f"{readable(name)} {first} to {last}")
     text = (
         "Intervals take the score to change smoothly between runs. The largest box without a run spans "
-        f"{format_share(analysis.gap.share)} of each factor's coded range: {listing(ranges)}. A peak within it would "
-        "be unseen."
+        f"{format_share(analysis.gap.share)} of each continuous factor's coded range: {listing(ranges)}. A peak within "
+        "it would be unseen."
     )
     return [Paragraph(text)]
 
