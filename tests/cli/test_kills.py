@@ -14,7 +14,11 @@ from kill_episodes import COMMANDS, episode, undisturbed
 def test_killed_commands_lose_and_double_nothing(tmp_path, tiny_scene, command):
     n = 1 if command == "report" else 2
     expected, seconds = undisturbed(command, tiny_scene, tmp_path / "calm", n)
-    # A command that is done before its moment comes counts for nothing: kill early enough.
-    half = 0.5 * min(seconds)
-    found = episode(command, tiny_scene, tmp_path / "killed", n, random.Random(8), expected, half, max_kills=2)
-    assert sum(kill.alive for kill in found.kills) == 2
+    # A command that is done before its moment comes counts for nothing, and on a busy machine the time that it takes
+    # says little: kill ever earlier until two were killed at work.
+    for attempt in range(8):
+        step_s, killed = min(seconds) / 2.0 ** (1 + attempt), tmp_path / f"killed {attempt}"
+        found = episode(command, tiny_scene, killed, n, random.Random(8), expected, step_s, max_kills=2)
+        if sum(kill.alive for kill in found.kills) == 2:
+            return
+    pytest.fail(f"not killed twice at work: {found.kills}")
