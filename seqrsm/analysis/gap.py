@@ -10,6 +10,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.design.region import Region
 from seqrsm.propose.cloud import climb
+from seqrsm.propose.gap import half_sides
 
 _SPREAD = 4000  # places at first
 _RADII = (0.3 * 0.7 ** np.arange(14)).tolist()  # coded, of the steps from the best of them
@@ -45,19 +46,15 @@ def largest_gap(region: Region, points: FloatArray) -> Gap | None:
     Gap or None
         None without continuous factors. Found by a search, so that a box larger by a percent or two may be missed.
     """
-    free, numeric, rng = list(region.continuous), list(region.numeric), np.random.default_rng(0)
-    if not free:
+    if not region.continuous:
         return None
-    runs = np.unique(points[:, numeric], axis=0)
+    numeric, rng = list(region.numeric), np.random.default_rng(0)
 
-    def half_sides(at: FloatArray) -> FloatArray:
-        found: FloatArray = 1.0 - np.max(np.abs(at[:, free]), axis=1)  # the box lies within the ranges
-        for run in runs:
-            np.minimum(found, np.max(np.abs(at[:, numeric] - run), axis=1), out=found)
-        return found
+    def halves(at: FloatArray) -> FloatArray:
+        return half_sides(region, points, at)
 
-    centre = climb(half_sides, region, region.sample(_SPREAD, rng), rng, radii=_RADII)[0]
-    half = float(half_sides(centre[None, :])[0])
+    centre = climb(halves, region, region.sample(_SPREAD, rng), rng, radii=_RADII)[0]
+    half = float(halves(centre[None, :])[0])
     ends = np.tile(centre, (2, 1))
     for j in numeric:
         ends[:, j] = centre[j] - half, centre[j] + half

@@ -39,6 +39,9 @@ _ALIKE = 1e-6  # least variance of days over that of a run
 _WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
 _IMPROBABLE = 0.15  # a process that proposes no runs
+_CERTAIN = 0.99
+"""Up to this probability of a process a run in four goes where none was near: the scores so far do not tell of a peak
+there. Once the quadratic is refuted, the process itself tells where to look; see `reports/peers`."""
 
 
 def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
@@ -158,6 +161,7 @@ class _Chooser:
             weight=float(self.weights(self.target[None, :])[0]),
             barred=barred,
             sign=sign_of(self.analysis.goal),
+            far=departure.probability <= _CERTAIN and bool(self.spec.region.continuous),
             seed=batch_seed(self.spec.seed, len(done)),
         )
 

@@ -14,13 +14,16 @@ from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
 from seqrsm.propose.candidates import clear_of
 from seqrsm.propose.criteria import Proposal
+from seqrsm.propose.gap import half_sides
 from seqrsm.propose.known import percent
 from seqrsm.remember import recalled
 
 _COVER = 1000
 RADII = (0.15, 0.06, 0.025, 0.01)
 _TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
-_ANYWHERE, _AGAIN = 40, 40
+_ANYWHERE, _FAR, _AGAIN = 40, 20, 40
+_FAR_EVERY, _FAR_ENOUGH = 4, 0.8
+"""A run is far from all others where the box without a run around it is at least this share of the largest."""
 _DRAWS_OF_EACH = 12
 _ASIDE = 50
 """For each factor, peaks moved aside along two factors or so, where optima of draws are sought too: random places alone
@@ -133,7 +136,9 @@ class Cloud:
         near = region.jitter(np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
         peak = climb(lambda at: sign * process.mean(at), region, cover, rng, heights)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
-        fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
+        runs = made if pending is None else np.vstack([made, pending])
+        far = cover[np.argsort(-half_sides(region, runs, cover), kind="stable")[:_FAR]]
+        fresh = np.vstack([x_hat[None, :], peak, near, anywhere, far])
         others = region.sample(_ASIDE * region.k, rng)
         moved = rng.random(others.shape) < 2.0 / region.k
         fresh = np.vstack([fresh, np.where(moved, others, peak[rng.integers(len(peak), size=len(others))])])
@@ -176,6 +181,7 @@ def propose_from_process(
     weight: float = 1.0,
     barred: FloatArray | None = None,
     sign: float = 1.0,
+    far: bool = False,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
     """Choose the next ``n`` runs, each given all before it.
@@ -202,6 +208,8 @@ def propose_from_process(
         leaves nothing.
     sign : float
         1 where the score is maximized, -1 where minimized.
+    far : bool
+        Choose one run in four among the places that are farthest from all runs.
     seed : int
         Equal inputs and seed give equal proposals.
     """
@@ -215,14 +223,18 @@ def propose_from_process(
     allowed = clear_of(cloud.points, barred, region) & inside
     allowed = allowed if allowed.any() else inside
     executed = cloud.executed.copy()
-    found = []
+    found: list[Proposal] = []
     for i in range(n):
         tell("choosing the next runs", i, n)
         covariance, cross, total = ahead.covariance, ahead.cross, ahead.total
         at_hat = covariance[cloud.hat]
         value = np.square(cross[cloud.hat]) / total
         loss = np.mean(np.square(cross[best] - cross[cloud.hat]), axis=0) / total
-        chosen = first_of_largest(np.where(allowed, value + loss, -np.inf))
+        spread, among, half = far and (len(made) + i + 1) % _FAR_EVERY == 0, allowed, np.zeros(len(allowed))
+        if spread:
+            half = half_sides(region, np.vstack([made, *(one.point[None, :] for one in found)]), cloud.points)
+            among = allowed & (half >= _FAR_ENOUGH * half[allowed].max())
+        chosen = first_of_largest(np.where(among, value + loss, -np.inf))
         of_loss = np.mean(np.diag(covariance)[best] - 2.0 * at_hat[best] + at_hat[cloud.hat])
         narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
         share = loss[chosen] / of_loss if of_loss > 0.0 else 0.0
@@ -232,6 +244,10 @@ def propose_from_process(
         )
         again = bool(executed[chosen])
         purpose = "regret" if loss[chosen] > value[chosen] else "optimum"
+        if spread:
+            purpose = "spread"
+            box = percent(float(half[chosen]))
+            why = f"no run so far in the box of {box} of each continuous factor's range around it; {why}"
         found.append(
             Proposal(
                 cloud.points[chosen].copy(),

@@ -265,3 +265,30 @@ def test_the_climb_moves_between_levels(n_continuous: int) -> None:
     assert mean(starts).max() < best - 0.1
     top = climb(mean, region, starts, rng)[0]
     assert mean(np.where(np.arange(region.k) < len(discrete), top, 0.0)[None, :])[0] == pytest.approx(best)
+
+
+def test_one_run_in_four_lies_far_from_all_runs() -> None:
+    """Runs everywhere but in one corner of the square, and a surface whose top is elsewhere: the fourth goes there."""
+    rng = np.random.default_rng(5)
+    points = np.round(rng.uniform(-1.0, 1.0, (60, 2)), 3)
+    points = points[np.any(points < 0.0, axis=1)][:32]  # none within (0, 1) x (0, 1)
+    top = np.array([-0.4, -0.3])
+    process = fitted(points, bowl(points - top) + rng.normal(size=len(points)))
+    found = propose_from_process(process, BOX, top, points, np.zeros(len(points), dtype=bool), 8, far=True, seed=3)
+    assert [one.purpose == "spread" for one in found] == [False, False, False, True] * 2
+    assert np.all(found[3].point > 0.0)
+    assert "no run so far in the box of" in found[3].why
+    share = 1.0 - np.max(np.abs(found[3].point))
+    nearest = np.min(np.max(np.abs(points - found[3].point), axis=1))
+    assert f"box of {100.0 * min(share, nearest):.2g} %" in found[3].why
+    assert np.mean(np.linalg.norm([one.point - top for one in found if one.purpose != "spread"], axis=1) < 0.8) > 0.5
+
+
+def test_levels_alone_have_no_box() -> None:
+    region = Region((DiscreteFactor("looks", (1.0, 2.0, 3.0, 4.0, 5.0)), CategoricalFactor("bands", ("L", "C", "X"))))
+    rng = np.random.default_rng(6)
+    points = region.sample(20, rng)
+    y = points[:, 0] - np.square(points[:, 0]) + points[:, 1] + 0.3 * rng.normal(size=20)
+    process = Process(QuadraticModel(region.factors), points, y, np.ones(20), rng)
+    found = propose_from_process(process, region, points[0], points, np.zeros(20, dtype=bool), 4)
+    assert {one.purpose for one in found} <= {"optimum", "regret"}
