@@ -47,6 +47,7 @@ _BURN_TAUS = 5.0
 _R_HAT = 1.01
 _TOLD_EVERY = 20  # stored steps
 _STORE_BYTES = 96 * 2**20  # beyond this every second stored step is dropped
+_STORED_STEPS = 256  # that there is always room for: where coefficients are many, of fewer walkers
 _TAU_WALKERS = 128  # walkers that the autocorrelation time is averaged over
 _R_HAT_DRAWS = 2000  # draws of each ensemble that R-hat is computed from
 
@@ -102,11 +103,12 @@ class _Reached:
 
 
 class _Chain:
-    """The sampler with its store: every ``thin``-th step, thinned further when memory runs short."""
+    """The sampler with its store: every ``thin``-th step, thinned further when memory runs short, of some walkers."""
 
     def __init__(self, target: Target, seed: int) -> None:
         self._target = target
         self._n = ENSEMBLES * max(WALKERS, 2 * target.d)
+        self._every = -(-_STORED_STEPS * 8 * self._n * target.d // _STORE_BYTES)
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
         start = target.start(random, self._n)
         log_prob = target.log_prob(start)
@@ -128,13 +130,13 @@ class _Chain:
         }
         moves = list(zip(self.moves.values(), (0.5, 0.3, 0.2), strict=True))
         self._sampler = _sampler(self._n, self._target.d, self._target.log_prob, moves)
-        self.stored = np.empty((0, self._n, self._target.d))
+        self.stored = np.empty((0, *self._kept().shape))
         self.thin = 1
         self.steps = 0
 
     def advance(self, steps: int, deadline: float, wanted: int) -> None:
         """Make about ``steps`` more steps, fewer when the deadline passes, on the way to so many ``wanted`` in all."""
-        limit = max(_STORE_BYTES // (8 * self.stored.shape[1] * self.stored.shape[2]), 64)
+        limit = _STORE_BYTES // (8 * self.stored.shape[1] * self.stored.shape[2])
         while (self.stored.shape[0] + steps // self.thin) > limit:
             self.stored = self.stored[1::2].copy()
             self.thin *= 2
@@ -143,14 +145,20 @@ class _Chain:
         for state in self._sampler.sample(
             self._state, iterations=iterations, thin_by=self.thin, store=False, skip_initial_state_check=self.steps > 0
         ):
-            block.append(state.coords.copy())
             self._state = state
+            block.append(self._kept())
             if len(block) % _TOLD_EVERY == 0:
                 tell("sampling the posterior", self.steps + len(block) * self.thin, wanted)
             if time.monotonic() > deadline:
                 break
         self.steps += len(block) * self.thin
         self.stored = np.concatenate([self.stored, np.stack(block)])
+
+    def _kept(self) -> FloatArray:
+        """Coordinates (w, d) of the walkers that are stored, of every ensemble as many."""
+        d = self._target.d
+        some = self._state.coords.reshape(ENSEMBLES, -1, d)[:, :: self._every]
+        return np.array(some.reshape(-1, d))
 
     def judge(self) -> _Reached:
         """Autocorrelation time, R-hat and effective sample size of what is stored so far."""

@@ -257,10 +257,12 @@ class Additive(ErrorModel):
         try:
             chain = sample(target(inner), seed)
         except ConvergenceError:
-            if self.exact or (found := self.independent(runs, inner, n, rng)) is None:
+            found = self.independent(runs, inner, n, rng)
+            if found is None or (self.exact and not enough(len(found[0][1]), n)):
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
-            return _of_terms(runs, *found, "by Gibbs sampling because emcee did not converge")
+            how = "exactly" if self.exact else "by Gibbs sampling"
+            return _of_terms(runs, *found, f"{how} because emcee did not converge")
         keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
             free = self.independent(runs, None, n, rng)

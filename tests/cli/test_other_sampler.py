@@ -44,14 +44,17 @@ def test_exact_draws_instead_of_emcee_are_told_once(rows, model, reason, tmp_pat
     assert drawn(tmp_path / "not", rows, model, "exact") == ("exact", [])
 
 
-def test_gibbs_draws_where_emcee_does_not_converge_are_told(tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize(
+    ("model", "method", "how"), [("", "exact", "exactly"), (STUDENT, "gibbs", "by Gibbs sampling")]
+)
+def test_other_draws_where_emcee_does_not_converge_are_told(model, method, how, tmp_path, monkeypatch) -> None:
     def never(*_args, **_more):
         raise ConvergenceError("no")
 
     monkeypatch.setattr("seqrsm.fit.ensemble.sample", never)
-    method, told = drawn(tmp_path / "c", quadratic(), STUDENT, "emcee")
-    assert method == "gibbs"
-    assert told == ["The posterior was drawn by Gibbs sampling because emcee did not converge."]
+    found, told = drawn(tmp_path / "c", quadratic(), model, "emcee")
+    assert found == method
+    assert told == [f"The posterior was drawn {how} because emcee did not converge."]
 
 
 @pytest.mark.parametrize("model", ["", STUDENT])

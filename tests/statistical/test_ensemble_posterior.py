@@ -203,6 +203,16 @@ def test_not_converged_says_how_far_it_came() -> None:
         sample_posterior(Z, y, w, errors=StudentT(), seed=1, max_steps=120, min_ess=1e9)
 
 
+def test_many_coefficients_leave_room_for_the_steps_that_the_rule_asks_for(monkeypatch) -> None:
+    """Of 200 constants of days forty steps filled the store, which the rule asks more than: fit ended in an error."""
+    rng = np.random.default_rng(3)
+    Z, y, w = rng.normal(size=(90, 60)), rng.normal(size=90), np.ones(90)
+    monkeypatch.setattr(ensemble, "_STORE_BYTES", 40 * 8 * 512 * 61)
+    found = sample_posterior(Z, y, w, seed=1, max_steps=1000)
+    scores = standard_scores(found, posterior(Z, y, w, Flat()))
+    assert np.max(np.abs(scores)) < 4.5
+
+
 def test_scores_without_noise_are_refused() -> None:
     Z, _, w = problem()
     with pytest.raises(FitError, match="exactly"):
