@@ -154,6 +154,8 @@ class Budget:
     at : ndarray (k,)
         Where a factor would be fixed.
     seed : int
+    constants : int
+        Of the blocks so far, which are terms beside those of the model.
     """
 
     region: Region
@@ -163,6 +165,7 @@ class Budget:
     known: Surfaces
     at: FloatArray
     seed: int
+    constants: int = 0
 
     def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
         """What the budget gives in different ways, and what other numbers of runs give.
@@ -182,7 +185,7 @@ class Budget:
         asked = [plan.asked for plan in at_budget]
         if self.rule.guard == "runs" and asked[0] > budget:
             (fewer,) = self.by_runs([budget - confirmation], order, whole)
-            least = fewer.n_terms + 1 + confirmation
+            least = fewer.n_terms + self.constants + 1 + confirmation
             at_budget.insert(1, replace(fewer, change='[stop] guard = "confirmation"', runs=budget, asked=least))
         shown = region.decode(self.at[None, :])[0]
         for factor in region.factors if region.k > 1 else ():
@@ -222,9 +225,10 @@ class Budget:
 
     def _plan(self, change: str, n: int, p: int, Z: FloatArray, truth: FloatArray, rows: list[int]) -> Plan:
         """One number of runs ``n``: ``rows`` of ``Z`` are those that are spread, the others gather at the best."""
-        asked = max(self.rule.min_runs(p), p + 1)
+        terms = p + self.constants
+        asked = max(self.rule.min_runs(terms), terms + 1)
         sign, noise, n_spread, m = sign_of(self.goal), self.known.noise, len(rows), n - len(rows)
-        if n <= p or np.linalg.matrix_rank(Z[rows]) < p:
+        if n <= terms or np.linalg.matrix_rank(Z[rows]) < p:
             return Plan(change, n, p, asked, float("nan"), float("nan"))
         # The first runs of every number are the same, so that numbers differ by what more runs give.
         spread, repeats = (generator(self.seed, 0, f"budget: {kind} runs") for kind in ("spread", "repeated"))
@@ -249,7 +253,7 @@ class Budget:
             rss = rss + np.sum((each - each.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)
         rule = replace(self.rule, max_runs=n)
-        width = rule.width(np.sqrt(rss / (n - p)), n - p, h[at, every] * slope[at, every] ** 2)
+        width = rule.width(np.sqrt(rss / (n - p)), n - terms, h[at, every] * slope[at, every] ** 2)
         loss = np.maximum(self._best - sign * self.known.scores(truth[at, every]), 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 

@@ -60,7 +60,10 @@ class CheckResult:
     ----------
     name : str
     n_factors, n_terms, start_runs, min_runs, max_runs : int
-        Size of the model, of the start design, the fewest runs the stop rule asks for, and the budget.
+        Size of the model, of the start design, the fewest runs the stop rule asks for on the flight days so far, and
+        the budget.
+    runs_per_day : int
+        Runs that it asks for beyond these for each further flight day, where days are constants; else 0.
     seconds_per_run : float
         Measured on this machine [s]; nan without a simulator.
     noise : float
@@ -94,6 +97,7 @@ class CheckResult:
     n_terms: int
     start_runs: int
     min_runs: int
+    runs_per_day: int
     max_runs: int
     seconds_per_run: float
     noise: float
@@ -150,14 +154,16 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         source += f"; of {application.name}, the farthest from its target"
     surfaces = _surfaces(spec, application, found[own], analysis)
     unit = application.score_unit
+    terms = model.p if analysis is None else analysis.fitted.surface.n_terms
+    constants = spec.model.block is not None and spec.model.block_effect == "fixed" and spec.own_source == "flight"
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
-    budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed)
-    problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, model.p, unit)
+    budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed, terms - model.p)
+    problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, terms, unit)
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
-    if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
+    if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(terms):
         problem += _by_flights(rule, noise)
     # What the ground adds does not refuse a target: flights may follow.
-    hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, model.p, unit) if least > 0.0 else ""
+    hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
     plans, over = budget.plans(spec.stop.confirmation_runs)
     refused = problem or hopeless if hopeless else ""
     try:
@@ -174,7 +180,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         n_factors=spec.region.k,
         n_terms=model.p,
         start_runs=start,
-        min_runs=rule.min_runs(model.p),
+        min_runs=rule.min_runs(terms),
+        runs_per_day=constants * (rule.min_runs(terms + 1) - rule.min_runs(terms)),
         max_runs=rule.max_runs,
         seconds_per_run=seconds,
         noise=noise,

@@ -17,11 +17,13 @@ from seqrsm.analysis.study import block_study
 from seqrsm.analysis.surfaces import RandomBlocks
 from seqrsm.campaign import next_runs
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.check import check_campaign
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.process import Blocks
 from seqrsm.propose.cloud import Cloud, propose_from_process
+from seqrsm.report.sections.check import check_sections
 from seqrsm.report.wording import no_error_estimate
 
 RANDOM = '[model]\nblock = "day"\nblock_effect = "random"\n'
@@ -53,6 +55,37 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
         assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
     _, _, of_days = found.draws(100_000, np.random.default_rng(1))
     assert surface.common_sd == pytest.approx(np.mean(of_days), rel=0.05)
+
+
+def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path) -> None:
+    """A quadratic in two factors and eight days are 13 terms: told were 18 runs where the rule asks for 39."""
+    points = np.round(spread(40, 2), 3)
+    text = specification(numeric(2), rest='[model]\nblock = "day"\n').replace("max_runs = 400", "max_runs = 44")
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "campaign.toml").write_text(text, encoding="utf-8")
+    before = check_campaign(tmp_path / "new")
+    scores = bowl(points) + OF_DAYS + NOISE
+    (analysis,) = campaign(tmp_path / "c", text, points, scores, source="flight", block=DAYS).analyse_all(n_draws=400)
+    after = check_campaign(tmp_path / "c")
+    assert "39 are required" in " ".join(check.text for check in analysis.decision.checks)
+    assert (before.min_runs, after.min_runs) == (18, 39)
+    assert {plan.asked for plan in after.plans if not plan.change} == {39}
+    told = [dict(check_sections(one, every_note=False)[0].blocks[0].items) for one in (before, after)]
+    assert [one["minimum runs to stop"] for one in told] == [
+        "18, and 3 more for each further flight day; the budget is enough for 8 of these",
+        "39, and 3 more for each further flight day; the budget is enough for 1 of these",
+    ]
+    random = check_campaign(
+        campaign(
+            tmp_path / "r",
+            text.replace('"day"', '"day"\nblock_effect = "random"'),
+            points,
+            scores,
+            source="flight",
+            block=DAYS,
+        ).folder
+    )
+    assert dict(check_sections(random, every_note=False)[0].blocks[0].items)["minimum runs to stop"] == "18"
 
 
 @pytest.mark.parametrize("n_days", [2, 3, 5])
