@@ -174,7 +174,7 @@ def _scores(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
             alone, found = len(values) < _LEAST_SCORES, None
             if is_sentinel(row.score) and (is_far or alone) and not application.is_percent:
                 found = "usually marks a missing value", "Leave the cell empty if there is none."
-            elif application.is_percent and 0.0 < row.score <= 1.0 and float(np.median(values)) > 5.0:
+            elif application.is_percent and row.n is None and 0.0 < row.score <= 1.0 and np.median(values) > 5.0:
                 found = "a fraction among percentages", f"Did you mean {100 * row.score:g} percent?"
             elif fractions:
                 found = "no score is above 1 percent", "Are they fractions? Give percentages."

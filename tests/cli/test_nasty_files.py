@@ -217,6 +217,14 @@ def test_refused_with_what_may_have_been_meant(folder: Path, utility: str, conte
     [
         (NUMBERS, text(*GOOD)),
         (PERCENT, text(*GOOD, "3,12,HH,0", "4,12,HH,100")),
+        (  # less than 1 percent, by its counts
+            PERCENT,
+            text(
+                *(row.rsplit(",", 1)[0] + ",150,105" for row in GOOD),
+                "3,12,HH,150,1",
+                header=HEADER.replace("score", "n,correct"),
+            ),
+        ),
         (NUMBERS, text(*GOOD, "18,4,HH,70")),  # somewhat outside the region
         (NUMBERS, text("1.5,12,HH,-99.5", "2,12,HH,-98", "3,12,HH,-99", "4,20,VV,-97", "5,9,HH,-96", "6,9,HH,-98.5")),
         (NUMBERS, text(*(row.rsplit(",", 1)[0] + ",0.5" for row in GOOD), "3,12,HH,0.501")),
