@@ -125,7 +125,12 @@ class _Made:
     settings: dict[str, float | str]
     source: str
     block: str
-    pending: bool = True
+    day: int = 1
+    """0 of a run that is made; else the day to come, 1 being that of the runs chosen now."""
+
+    @property
+    def pending(self) -> bool:
+        return self.day > 0
 
 
 class _Chooser:
@@ -156,7 +161,7 @@ class _Chooser:
             self.spec.region,
             self.target,
             self.spec.region.code([run.settings for run in done]),
-            np.array([run.pending for run in done], dtype=np.bool_),
+            np.array([run.day for run in done]),
             n,
             weight=float(self.weights(self.target[None, :])[0]),
             barred=barred,
@@ -186,8 +191,9 @@ class _Chooser:
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
             n_days = columns.shape[1]
+            ahead = n_days if random else len({1, *(run.day for run in done)} - {0})
             rows = lambda at: np.hstack([of_model(at), np.tile(np.eye(n_days)[-1], (len(at), 1))])  # noqa: E731
-            precision = _with_days(precision, Z.shape[1] + n_days, n_days if random else 1, of_day)
+            precision = _with_days(precision, Z.shape[1] + n_days, ahead, of_day)
         weights, weight = self.weights(points), float(self.weights(self.target[None, :])[0])
         if two:
             of_flight = self.difference()[1]
@@ -241,19 +247,21 @@ class _Chooser:
 
 
 def _day_columns(used: Sequence[_Made], random: bool) -> FloatArray:
-    """Columns of the blocks flown, and one for the day that pending and new runs will be flown on.
+    """Columns of the blocks flown, and of the days that pending and new runs will be flown on, these the last.
 
-    Of random blocks (n, b + 1), about the average of all days; of others contrasts (n, b), whose zeros are the mean of
-    the blocks flown: what the surface is known for now, and the new day is to be compared with.
+    Of random blocks about the average of all days; of others contrasts, one less than there are blocks flown, whose
+    zeros are their mean: what the surface is known for now, and the new days are to be compared with.
     """
     flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
-    pending = flights & np.array([run.pending for run in used], dtype=np.bool_)
+    day = flights * np.array([run.day for run in used])
+    pending = day > 0
     blocks = np.array([run.block for run in used])[~pending]
     known = blocks[:, None] == np.unique(blocks)
     flown = known.astype(np.float64) if random else blocks_within(blocks.tolist(), flights[~pending])
-    columns = np.zeros((len(used), flown.shape[1] + 1))
-    columns[~pending, :-1] = flown
-    columns[pending, -1] = 1.0
+    ahead = sorted({1, *day.tolist()} - {0}, reverse=True)
+    columns = np.zeros((len(used), flown.shape[1] + len(ahead)))
+    columns[~pending, : flown.shape[1]] = flown
+    columns[pending, flown.shape[1] :] = day[pending, None] == ahead
     return columns
 
 
@@ -281,7 +289,8 @@ def next_batch(
     analyses : sequence of Analysis
         One for each application, of the scores so far.
     active : sequence of RunRecord
-        Scored and pending runs; pending ones count as made.
+        Scored and pending runs; pending ones count as made. A batch of flights is flown on one day: one of which
+        nothing is scored on its own, what is left over of another with the new runs.
     n : int
         Runs wanted.
     source : "simulation", "flight" or "best"
@@ -291,7 +300,11 @@ def next_batch(
     """
     region = spec.region
     barred = region.code([run.proposed for run in failed]) if failed else np.empty((0, region.k))
-    done = [_Made(run.settings, run.source, run.block, run.state != "scored") for run in active]
+    flown = {run.batch for run in active if run.state == "scored"}
+    done = []
+    for run in active:
+        own = run.source == "flight" and run.batch not in flown
+        done.append(_Made(run.settings, run.source, run.block, 0 if run.state == "scored" else 1 + own * run.batch))
     made: list[NewRun] = []
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])

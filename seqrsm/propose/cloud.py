@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray, first_of_largest
+from seqrsm.arrays import BoolArray, FloatArray, IntArray, first_of_largest
 from seqrsm.design.region import Region
 from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
@@ -175,7 +175,7 @@ def propose_from_process(
     region: Region,
     x_hat: FloatArray,
     made: FloatArray,
-    pending: BoolArray,
+    pending: BoolArray | IntArray,
     n: int,
     *,
     weight: float = 1.0,
@@ -188,7 +188,7 @@ def propose_from_process(
 
     A run is judged by what it takes, on average over the process's hyperparameters, off the variance of the value at
     the recommended settings, and off the variance of what these lose against the optimum. Where there are blocks,
-    pending and new runs are made in one new block, whose effect has to be told from the surface by them.
+    the runs are made in one new block, whose effect has to be told from the surface by them.
 
     Parameters
     ----------
@@ -197,8 +197,8 @@ def propose_from_process(
     region : Region
     x_hat : ndarray (k,)
         Recommended settings, coded.
-    made, pending : ndarray (r, k), (r,) of bool
-        Settings of scored and pending runs, and which of them have no score yet.
+    made, pending : ndarray (r, k), (r,) of bool or int
+        Settings of scored and pending runs; 0 of scored ones, else the new block, 1 being that of the runs to come.
     n : int
         Runs to propose, >= 0.
     weight : float
@@ -213,10 +213,12 @@ def propose_from_process(
     seed : int
         Equal inputs and seed give equal proposals.
     """
-    cloud, rng = cloud_of(process, region, x_hat, made[~pending], sign, seed, made[pending] if pending.any() else None)
-    ahead = _Ahead(cloud.covariance, cloud.noise / weight, cloud.block)
-    for point in made[pending]:
-        ahead.count(int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
+    waits, blocks = pending > 0, sorted({1, *pending.tolist()} - {0}, reverse=True)
+    cloud, rng = cloud_of(process, region, x_hat, made[~waits], sign, seed, made[waits] if waits.any() else None)
+    ahead = _Ahead(cloud.covariance, cloud.noise / weight, cloud.block, len(blocks))
+    for point, block in zip(made[waits], pending[waits], strict=True):
+        place = int(np.argmin(np.sum(np.square(cloud.points - point), axis=1)))
+        ahead.count(place, blocks.index(block) - len(blocks))
     draws = cloud.draws(_DRAWS_OF_EACH, rng)
     best = np.argmax(draws, axis=1)
     inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
@@ -273,32 +275,33 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 
 class _Ahead:
-    """What is known of the surface at m places, and of a new block, while runs are counted as made.
+    """What is known of the surface at m places, and of new blocks, while runs are counted as made.
 
     Attributes
     ----------
     cross : ndarray (m, m)
-        Covariance of the surface and of the scores that runs would have, from column to column.
+        Covariance of the surface and of the scores that runs of the last block would have, from column to column.
     total : ndarray (m,)
         Variance of these scores.
     """
 
-    def __init__(self, covariance: FloatArray, noise: float, block: float) -> None:
-        self._all, self._noise = np.pad(covariance, (0, 1)), noise  # the last one is the block's effect
-        self._all[-1, -1] = block
+    def __init__(self, covariance: FloatArray, noise: float, block: float, blocks: int = 1) -> None:
+        self._all, self._noise = np.pad(covariance, (0, blocks)), noise  # behind the places are the blocks' effects
+        self._all[len(covariance) :, len(covariance) :] = block * np.eye(blocks)
+        self._m = len(covariance)
         self._see()
 
     @property
     def covariance(self) -> FloatArray:
         """Of the surface (m, m)."""
-        return self._all[:-1, :-1]
+        return self._all[: self._m, : self._m]
 
-    def count(self, place: int) -> None:
-        """Count a run there as made."""
-        row = np.append(self.cross[:, place], self._of_block[place])
-        self._all -= np.outer(row, row) / self.total[place]
+    def count(self, place: int, block: int = -1) -> None:
+        """Count a run there as made in a block, by its place from the end."""
+        row = self._all[:, place] + self._all[:, block]
+        self._all -= np.outer(row, row) / (max(row[place] + row[block], 0.0) + self._noise)
         self._see()
 
     def _see(self) -> None:
-        self.cross, self._of_block = self.covariance + self._all[:-1, -1:], self._all[-1, :-1] + self._all[-1, -1]
-        self.total = np.maximum(np.diag(self.cross) + self._of_block, 0.0) + self._noise
+        self.cross, of_block = self.covariance + self._all[: self._m, -1:], self._all[-1, : self._m] + self._all[-1, -1]
+        self.total = np.maximum(np.diag(self.cross) + of_block, 0.0) + self._noise

@@ -42,15 +42,16 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     others being those of the optimum.
 ``[model]``
     ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
-    counts ``n`` and ``correct`` of every score, overdispersed); ``weights`` ("equal"; "se": by the inverse square of
-    ``se``; "counts": scores are proportions of correct decisions, ``correct`` of ``n``, weighted by their variance
-    p (1 - p) / n at the fitted value, times a factor estimated from the residuals); ``block``: column of measured
-    scores that names the block, by default none; the next flights are then chosen as runs of one new block, whose
-    effect has to be told from the surface; ``block_effect`` ("fixed": a constant for each block; "random": blocks
-    are a sample, predictions are for a new one); ``discrepancy_sd``: prior standard deviation of the model
-    discrepancy (flight minus simulation) as a mean over the region, in score units (half of it for coded
-    coefficients of first order, a quarter for products and squares), by default from the standard deviation between
-    worlds if simulations measured it, else 0.4 standard deviations of the scores.
+    counts ``n`` and ``correct`` of every score, overdispersed); ``weights`` ("equal"; "se": by the inverse square
+    of ``se``; "counts": scores are proportions of correct decisions, ``correct`` of ``n``, weighted by their
+    variance p (1 - p) / n at the fitted value, times a factor estimated from the residuals); ``block``: column of
+    measured scores that names the block, by default none; the next flights are then chosen as runs of one new
+    block, whose effect has to be told from the surface, a pending batch as runs of another; ``block_effect``
+    ("fixed": a constant for each block; "random": blocks are a sample, predictions are for a new one);
+    ``discrepancy_sd``: prior standard deviation of the model discrepancy (flight minus simulation) as a mean over
+    the region, in score units (half of it for coded coefficients of first order, a quarter for products and
+    squares), by default from the standard deviation between worlds if simulations measured it, else 0.4 standard
+    deviations of the scores.
 ``[simulator]``, omitted for a campaign with measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign folder; ``table`` (none): a CSV file of
     your own sigma0 or emissivity, whose categories replace the built-in ones; ``known_map`` (none): a CSV file with the

@@ -202,6 +202,50 @@ def test_what_a_run_of_a_new_random_day_narrows_is_told(flown) -> None:
     assert {"optimum"} <= {one.purpose for one in new}
 
 
+def test_pending_flights_of_an_earlier_batch_are_of_a_day_of_their_own() -> None:
+    """They tell of the surface, and nothing of the day of the runs that are chosen now."""
+    points, days = np.round(spread(24, 2), 3), np.arange(24) % 6
+    y = hill(points) + 4.0 * np.linspace(-1.5, 1.5, 6)[days] + np.random.default_rng(1).normal(size=24)
+    process = fitted(points, y, blocks=Blocks(np.eye(6)[days], new=True))
+    region, top = Region(factors(2)), np.array([0.3, 0.3])
+    made, pending = np.vstack([points, [[0.5, -0.4]]]), np.arange(25) == 24
+    found = {}
+    for day in (1, 7):
+        (found[day],) = propose_from_process(process, region, top, made, day * pending, 1, seed=3)
+    rng = np.random.default_rng(3)
+    cloud = Cloud(process, region, top, points, 1.0, rng, made[pending])
+    best = np.argmax(cloud.draws(12, rng), axis=1)
+    noise, block = (float(np.mean(one)) for one in (process.some(20).noise_variance, process.some(20).block_variance))
+    place, waits = (int(np.argmin(np.sum((cloud.points - at) ** 2, axis=1))) for at in (found[7].point, made[24]))
+    C = cloud.covariance
+    left = C - np.outer(C[waits], C[waits]) / (C[waits, waits] + noise + block)
+    gain = left[place, cloud.hat] ** 2 + np.mean((left[place, best] - left[place, cloud.hat]) ** 2)
+    assert found[7].gain == pytest.approx(gain / (left[place, place] + noise + block), rel=1e-9)
+    assert found[1].gain != pytest.approx(found[7].gain, rel=0.01)
+
+
+@pytest.mark.parametrize(("scored", "own"), [(False, True), (True, False)])
+def test_a_batch_of_which_nothing_is_flown_has_a_day_of_its_own(flown, monkeypatch, scored, own) -> None:
+    """What is left over of one that was flown in part is flown with the next: its own day is over."""
+    made, analysis = flown
+    departure = replace(analysis.fitted.departure, probability=0.0)
+    quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
+    runs = made.store.runs()
+    waits = [replace(runs[i], run_id=90 + i, state="issued", block="", batch=9) for i in range(2)]
+    runs = [*runs, replace(runs[5], run_id=99, batch=9), *waits] if scored else [*runs, *waits]
+    real, given = next_runs.propose_batch, []
+    monkeypatch.setattr(next_runs, "propose_batch", lambda *a, **more: given.append((a[2], more)) or real(*a, **more))
+    next_runs.next_batch(made.spec, [quadratic], runs, 2, "flight")
+    ((evidence, more),) = given
+    new = more["source"].rows(np.zeros((1, 2)))[0]
+    columns = evidence.rows[:, analysis.model.p :]
+    assert new.sum() == pytest.approx(2.0)  # the intercept, and the new day
+    assert np.all(columns.sum(axis=1) == 1.0)
+    assert columns.shape[1] == (10 if own else 9)
+    np.testing.assert_array_equal(columns[-2:, -1], 0.0 if own else 1.0)
+    assert np.count_nonzero(evidence.prior_precision) == columns.shape[1]
+
+
 def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each day's is one of the days that are seen to differ so much: neither taken for 0, nor for anything."""
     made, analysis = flown
