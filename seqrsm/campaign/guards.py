@@ -37,6 +37,8 @@ _LEAST_SPREAD = 0.02
 
 _DAY = re.compile(r"(\d{1,4})([-/.])(\d{1,2})\2(\d{2,4})(?:[T ][0:.]+)?")
 """A day as spreadsheets write it: 2026-02-03, 03.02.2026, 2/3/26."""
+_IDLE = re.compile(r"[\s_]|(?<![\d.])0+(?=\d)|(?<=\d)\.0+(?![\d.])")
+"""What may differ in a name: blanks, and the zeros of 07 and 7.0."""
 
 _Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
 """Row, column, value, what is wrong with it, and what may have been meant."""
@@ -220,12 +222,16 @@ def block_of(spec: CampaignSpec, score: MeasuredScore) -> str:
 
 def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
     """Blocks that differ from an earlier one by notation alone: each would be a day of its own; flights without one."""
-    column, blocks = spec.model.block or "", {run.run_id: run.block for run in runs}
-    known = [block for block in dict.fromkeys(blocks.values()) if block]
+    column, by_id = spec.model.block or "", {run.run_id: run for run in runs}
+    known = [block for block in dict.fromkeys(run.block for run in runs) if block]
     for row in file.scores if column else ():
-        block = block_of(spec, row)
+        block, run = block_of(spec, row), by_id.get(row.run_id or 0)
         other = block if block in known else next((one for one in known if _alike(one, block)), "")
-        if not block and row.source != "simulation" and not blocks.get(row.run_id or 0):
+        if run is not None and is_moved(spec, row, run):
+            hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
+            own = f"the block '{run.block}'" if run.block else "no block"
+            yield row, column, block, f"run {run.run_id} is of {own}", hint
+        elif not block and row.source != "simulation" and not (run and run.block):
             yield row, column, None, "no block", "Fill it in: of merged cells only the first row has the content."
         elif block and not other:
             known.append(block)
@@ -234,11 +240,17 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
             yield row, column, block, message, f"Write {other}."
 
 
+def is_moved(spec: CampaignSpec, score: MeasuredScore, run: RunRecord) -> bool:
+    """Whether a row says that its run, which is scored, is of another block."""
+    block = block_of(spec, score)
+    return bool(spec.model.block and block) and run.state == "scored" and not _alike(run.block, block)
+
+
 def _alike(one: str, other: str) -> bool:
     """Whether texts differ at most in case, blanks, or the notation of a day; of 3.2. and 2.3. neither is the other."""
     days = [_DAY.fullmatch(text.strip()) for text in (one, other)]
     if not (days[0] and days[1]):
-        return "".join(one.casefold().split()) == "".join(other.casefold().split())
+        return _IDLE.sub("", one.casefold()) == _IDLE.sub("", other.casefold())
     numbers = [[int(day[k]) % 2000 for k in (1, 3, 4)] for day in days if day]
     same = days[0][2] == days[1][2] and (len(days[0][1]) == 4) == (len(days[1][1]) == 4)
     return numbers[0] == numbers[1] if same else sorted(numbers[0]) == sorted(numbers[1])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
-from seqrsm.campaign.guards import block_of, ranking_suspects, see_units, suspects
+from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_units, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
@@ -124,7 +124,12 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
     for file, outcome in zip(files, outcomes, strict=True):
         if file is not None and outcome.already is None:
             equal = {row.line for row in outcome.equal}
-            new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
+            known = {run.run_id: run for run in runs if run.run_id in outcome.unchanged}
+            new = (
+                row
+                for row in file.scores
+                if row.line not in equal and (row.run_id not in known or is_moved(spec, row, known[row.run_id]))
+            )
             again = {row.run_id for row in outcome.equal}
             others = [run for run in runs if run.run_id not in again]
             problems += suspects(spec, replace(file, scores=tuple(new)), others)

@@ -622,6 +622,40 @@ def test_a_block_in_another_notation_is_held_back(make, day, held):
     assert ("more.csv:2: day: the block '03.02.2026' differs by case, blanks or notation alone" in told) == held
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "held"),
+    [
+        ("1", "1.0", True),  # a spreadsheet, or pandas where a cell is empty
+        ("7", "07", True),
+        ("day 07", "Day_7", True),
+        ("1", "10", False),
+        ("1", "1.05", False),
+        ("15", "1.5", False),
+        ("100", "10", False),
+        ("a.0", "a.1", False),
+    ],
+)
+def test_a_numbered_block_in_another_notation_is_held_back(make, one, other, held):
+    folder = make('[model]\nblock = "day"')
+    folder.ingest(f"{HEADER},day\n2,12,HH,70,{one}\n")
+    told = folder.ingest(f"{HEADER},day\n3,12,HH,71,{other}\n", name="more.csv", code=2 * held)
+    assert (f"more.csv:2: day: the block '{one}' differs by case, blanks or notation alone" in told) == held
+
+
+def test_a_scored_run_on_another_day_is_held_back(make):
+    """A form with its day corrected was taken for one seen before, and the run stayed where it was."""
+    folder = make('[model]\nblock = "day"')
+    form = "run_id,frequency,resolution,polarization,score,day\n1,2,12,HH,70,Monday\n2,3,12,HH,71,{}\n"
+    folder.ingest(f"{HEADER},day\n2,12,HH,70,Monday\n3,12,HH,71,Monday\n")
+    assert "2 unchanged runs" in folder.ingest(form.format("monday"), name="again.csv")
+    told = folder.ingest(form.format("Tuesday"), name="corrected.csv", code=2)
+    assert "corrected.csv:3: day: run 2 is of the block 'Monday' (got 'Tuesday')" in told
+    assert "seqrsm void DIR 2 --why TEXT" in told
+    folder.call("void", 2, "--why", "wrong day")
+    folder.ingest(form.format("Tuesday"), "--accept", name="corrected.csv")
+    assert [run["block"] for run in folder.runs()] == ["Monday", "Monday", "Tuesday"]
+
+
 def test_an_empty_block_among_others_is_held_back(make):
     """Of merged cells only the first has the content."""
     folder = make('[model]\nblock = "day"')
