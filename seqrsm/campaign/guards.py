@@ -17,7 +17,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
 from seqrsm.errors import Problem, SpecError
-from seqrsm.score.cells import is_sentinel
+from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
 from seqrsm.score.flight import MeasuredScore, ScoresFile
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
@@ -227,12 +227,14 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
     for row in file.scores if column else ():
         block, run = block_of(spec, row), by_id.get(row.run_id or 0)
         other = block if block in known else next((one for one in known if _alike(one, block)), "")
+        none = not block or (not other and block.casefold() in WORDS_FOR_NOTHING)
         if run is not None and is_moved(spec, row, run):
             hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
             own = f"the block '{run.block}'" if run.block else "no block"
             yield row, column, block, f"run {run.run_id} is of {own}", hint
-        elif not block and row.source != "simulation" and not (run and run.block):
-            yield row, column, None, "no block", "Fill it in: of merged cells only the first row has the content."
+        elif none and row.source != "simulation" and not (run and run.block):
+            hint = "Fill it in: of merged cells only the first row has the content."
+            yield row, column, block or None, "no block", hint
         elif block and not other:
             known.append(block)
         elif other != block:

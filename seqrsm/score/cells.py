@@ -53,7 +53,7 @@ def split_header(text: str) -> tuple[str, str]:
     return (match["name"], match["unit"] or "") if match else (text.strip(), "")
 
 
-_WORDS_FOR_NOTHING = frozenset(("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "-", "--", "?", "x"))
+WORDS_FOR_NOTHING = frozenset(("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "-", "--", "?", "x"))
 _SENTINELS = frozenset(
     sign * size for sign in (-1.0, 1.0) for size in (99.0, 999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0)
 )
@@ -297,7 +297,7 @@ class CellReader:
         remedy = "Give a finite number without unit or thousands separator."
         if _DATE.fullmatch(text):
             remedy = "A spreadsheet turned a number into a date: set the column format to 'Text' and enter it again."
-        elif text.casefold() in _WORDS_FOR_NOTHING:
+        elif text.casefold() in WORDS_FOR_NOTHING:
             remedy = "Leave the cell empty if there is no value."
         elif text.endswith("%") and column in ("score", "se"):
             remedy = f"Remove the percent sign; the header may be: {column} [%]."

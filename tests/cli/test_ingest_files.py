@@ -622,6 +622,14 @@ def test_a_block_in_another_notation_is_held_back(make, day, held):
     assert ("more.csv:2: day: the block '03.02.2026' differs by case, blanks or notation alone" in told) == held
 
 
+@pytest.mark.parametrize("word", ["NA", "nan", "#N/A"])
+def test_a_word_for_no_day_is_no_day(make, word):
+    """R writes NA where a day is missing: all such flights were of one day of that name."""
+    folder = make('[model]\nblock = "day"')
+    told = folder.ingest(f"{HEADER},day\n2,12,HH,70,Monday\n3,12,HH,71,{word}\n", code=2)
+    assert f"scores.csv:3: day: no block (got '{word}')" in told
+
+
 @pytest.mark.parametrize(
     ("one", "other", "held"),
     [
