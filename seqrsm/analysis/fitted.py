@@ -31,6 +31,8 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import RunRecord
 
+_ONE_MORE = "score several in one more (`seqrsm propose` names them)"
+
 
 def confirmation_reason(application: str) -> str:
     """What is recorded with a fresh run at an application's optimum; each application is confirmed by its own."""
@@ -133,7 +135,7 @@ def fit_surface(
         message = f"{counted(n, 'scored run')} cannot determine {needed} terms"
         if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
             message += f", {len(names)} of them for blocks"
-            raise FitError(message, "Blocks need several runs each: score more in them, or omit the block.")
+            raise FitError(message, f"Blocks need several runs each: {_ONE_MORE}, or omit the block.")
         raise FitError(message, _remedy(region, model, data, "Score more runs", needed - n))
     Z = np.hstack([model.matrix(data.points), columns])
     try:
@@ -165,7 +167,7 @@ def _remedy(
     if not len(missing):
         least = max(n_short, n_aliased)
         if n_aliased:
-            return "Blocks and settings are confounded: repeat settings of one block in another, or omit blocks."
+            return f"Blocks and settings are confounded: {_ONE_MORE}, or omit the block."
         return f"{start}: at least {least} more (`seqrsm propose` names good ones){or_plain}"
     shown = "; ".join(settings_text(region.factors, settings) for settings in region.decode(missing[:LISTED_RUNS]))
     count = len(missing)

@@ -29,7 +29,7 @@ from seqrsm.analysis.ground import (
     ranked_values,
 )
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import coded_settings, evidence, n_determined, scored_runs, see_names
+from seqrsm.analysis.runs import block_labels, coded_settings, evidence, n_determined, scored_runs, see_names
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.guards import see_units
@@ -39,6 +39,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
+from seqrsm.fit.least_squares import block_columns
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
@@ -63,8 +64,13 @@ def silent(*_: object) -> None:
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
     """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
-    model = QuadraticModel(spec.factors, spec.model.order)
-    return min(n_determined(model, scored_runs(spec.region, runs, one.name).points) for one in spec.applications)
+    model, found = QuadraticModel(spec.factors, spec.model.order), []
+    for one in spec.applications:
+        data = scored_runs(spec.region, runs, one.name)
+        n, (blocks, _) = n_determined(model, data.points), block_columns(block_labels(spec, data))
+        rank = int(np.linalg.matrix_rank(np.hstack([model.matrix(data.points), blocks]))) if n > model.p else n
+        found.append(min(rank, model.p) if rank < model.p + blocks.shape[1] else n)
+    return min(found)
 
 
 class Campaign:
@@ -250,7 +256,7 @@ class Campaign:
         if not analyses:
             waiting = [run for run in active if run.state in WAITING]
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
-                return start_batch(self.spec, model, own, active, failed)
+                return start_batch(self.spec, model, own, active, failed, n)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
             raise StoreError(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`).")
         return next_batch(self.spec, analyses, active, n, source, failed)

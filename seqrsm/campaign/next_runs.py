@@ -67,13 +67,18 @@ def start_batch(
     source: str,
     made: Sequence[RunRecord] = (),
     failed: Sequence[RunRecord] = (),
+    of_day: int = 1,
 ) -> list[NewRun]:
-    """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``."""
+    """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``.
+
+    Where ``made`` determine the model, and not the blocks beside it, ``of_day`` runs, at least two, of one more block.
+    """
     from seqrsm.design.optimal import start_design
 
     n = start_size(model, spec)
     fixed = coded_settings(spec.region, made)
-    least = len(made) + max(1, model.p - n_determined(model, fixed))
+    blocked = n_determined(model, fixed) > model.p
+    least = len(made) + (max(of_day, 2) if blocked else max(1, model.p - n_determined(model, fixed)))
     if failed:
         centre = spec.region.centre()
         proposals = propose_batch(
@@ -97,7 +102,8 @@ def start_batch(
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
     why = f"initial design: {n} runs for a model of {model.p} terms"
     if len(made) >= n:
-        why = f"the runs so far do not determine all {model.p} terms of the model"
+        beside = " beside the blocks: all of these on one more day" if blocked else ""
+        why = f"the runs so far do not determine all {model.p} terms of the model{beside}"
     cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
 

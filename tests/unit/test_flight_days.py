@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from seqrsm.fit.process import Blocks
 from seqrsm.propose.cloud import Cloud, propose_from_process
 from seqrsm.report.sections.check import check_sections
 from seqrsm.report.wording import no_error_estimate
+from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 RANDOM = '[model]\nblock = "day"\nblock_effect = "random"\n'
 DAYS = [f"day {i}" for i in range(8)] * 5
@@ -222,6 +224,32 @@ def test_pending_flights_of_an_earlier_batch_are_of_a_day_of_their_own() -> None
     gain = left[place, cloud.hat] ** 2 + np.mean((left[place, best] - left[place, cloud.hat]) ** 2)
     assert found[7].gain == pytest.approx(gain / (left[place, place] + noise + block), rel=1e-9)
     assert found[1].gain != pytest.approx(found[7].gain, rel=0.01)
+
+
+@pytest.mark.parametrize("of", [lambda x: x[:, 0] > 0.0, lambda x: np.arange(len(x)) // 2], ids=["confounded", "many"])
+def test_runs_of_one_more_day_are_proposed_where_days_hide_terms(tmp_path, of) -> None:
+    """Refused were more runs, though the fit asked for them; flown on one day, they tell days and settings apart."""
+    points = np.round(spread(18, 2), 3)
+    points[:, 0] = np.where(points[:, 0] > 0.0, 1.0, -1.0)
+    points[[0, 1], 0] = 0.0
+    days = [f"day {d}" for d in of(points)]
+    text = specification(numeric(2), rest='[model]\nblock = "day"\n')
+    made = campaign(tmp_path / "c", text, points, bowl(points), source="flight", block=days)
+    with pytest.raises(FitError, match="propose"):
+        made.analyse_all(n_draws=400)
+    for day in range(3):
+        new = made.propose(4)
+        assert len(new) == 4
+        scores = bowl(made.spec.region.code([run.settings for run in new]))
+        rows = zip(new, scores.tolist(), strict=True)
+        again = tuple(
+            IngestedRun(r.run_id, r.settings, "flight", f"new {day}", 1.0, (NewScore("score", y),)) for r, y in rows
+        )
+        made.store.ingest_files([IngestedFile(f"{day}.csv", f"new {day}", 4, again)])
+        with suppress(FitError):
+            assert made.analyse_all(n_draws=400)
+            return
+    raise AssertionError("three more days did not tell them apart")
 
 
 @pytest.mark.parametrize(("scored", "own"), [(False, True), (True, False)])
