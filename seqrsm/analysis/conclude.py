@@ -342,7 +342,8 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, bes
     """How the result was found: nothing that casts doubt on it."""
     data, surface = fitted.data, fitted.surface
     idle = without_effect(spec.factors, fitted.region.decode(best.point)[0])
-    found = [f"Of no effect, as its sensor is not in the set: {', '.join(idle)}."] if idle else []
+    why = "as its sensor is not in the set or there is but one date"
+    found = [f"Of no effect, {why}: {', '.join(idle)}."] if idle else []
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
         found.append(f"Runs outside the region, included in the fit: {outside}.")

@@ -29,7 +29,8 @@ from seqrsm.report.rounding import (
     format_share,
     format_significant,
 )
-from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.sensor.parameters import Parameter
+from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import StopSpec
@@ -58,8 +59,15 @@ def cost_texts(costs: Mapping[str, float], unit: str) -> tuple[str, str]:
 
 def readable(name: str) -> str:
     """Return a factor's name without underscores; of a sensor parameter, without the suffix that tells its unit."""
-    parameter = RADAR.get(name) or RADIOMETER.get(name)
-    return name.replace("_", " ") if parameter is None else parameter.label
+    member, dot, _ = name.rpartition(".")
+    parameter = _parameter(name)
+    return name.replace("_", " ") if parameter is None else f"{member}{dot}{parameter.label}"
+
+
+def _parameter(name: str) -> Parameter | None:
+    """The sensor parameter of this name, also where it is a member's, as in ``C.resolution``."""
+    own = name.rpartition(".")[2]
+    return next((table[own] for table in SENSORS.values() if own in table), None)
 
 
 def readable_term(name: str) -> str:
@@ -183,7 +191,7 @@ _SIGNS = str.maketrans({"u": "\u00b5", "2": "\u00b2", "3": "\u00b3"})  # of "us"
 
 def fixed_unit(name: str, value: float | str) -> str:
     """Unit of a sensor parameter by its name; none for text."""
-    parameter = None if isinstance(value, str) else RADAR.get(name) or RADIOMETER.get(name)
+    parameter = None if isinstance(value, str) else _parameter(name)
     return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 

@@ -91,6 +91,9 @@ def members(instruments: Sensors, written: Sequence[object], fixed: object, repo
     known = _set_members(factors.values(), fixed)
     for name, own in instruments.members.items():
         _check_member(name, own, known, instruments.engine, report)
+        if "dates" in own and "interval_days" not in own and "interval_days" in {f["name"] for f in factors.values()}:
+            text = "dates of its own at the interval that is a factor of all sensors"
+            report.add(("simulator", "members", name, "dates"), text, "Give it interval_days, too.", own["dates"])
     names: dict[Path, str] = {("factor", i, "name"): f["name"] for i, f in factors.items()}
     names |= {("simulator", "fixed", key): key for key in fixed}
     for path, name in names.items():
@@ -118,10 +121,17 @@ def _in_sets(sets: Iterable[object]) -> set[str]:
 
 
 def without_effect(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> tuple[str, ...]:
-    """Names of factors of a member that levels of the factor frequency hold, but not the one in ``settings``."""
+    """Names of factors of a member that is not in the set of ``settings``, and of intervals where there is one date."""
     levels = [f.levels for f in factors if f.name == "frequency" and isinstance(f, CategoricalFactor)]
     absent = _in_sets(level for own in levels for level in own) - _in_sets([settings.get("frequency")])
-    return tuple(f.name for f in factors if f.name.rpartition(".")[0] in absent)
+    dates = {f.name.rpartition(".")[0]: settings[f.name] for f in factors if f.name.rpartition(".")[2] == "dates"}
+
+    def idle(name: str) -> bool:
+        member, _, own = name.rpartition(".")
+        counts = {dates.get(member, dates.get(""))} if member else set(dates.values())
+        return member in absent or (own == "interval_days" and counts == {1.0})
+
+    return tuple(f.name for f in factors if idle(f.name))
 
 
 def _check_member(name: str, own: Mapping[str, Any], known: set[str], engine: str, report: Reporter) -> None:

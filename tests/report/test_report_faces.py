@@ -21,6 +21,8 @@ from seqrsm.analysis.results import Confirmation
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.surfaces import surface_of
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.region import Region
 from seqrsm.plain import counted
 from seqrsm.report import wording, write_report
 from seqrsm.report.blocks import (
@@ -43,11 +45,11 @@ from seqrsm.report.figures.fit import look_data, paint_mean_history, read_looks
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.rounding import NOTHING
-from seqrsm.report.sections.compromise import _paint_front
+from seqrsm.report.sections.compromise import _front_table, _paint_front
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.wording import number_cell
-from seqrsm.spec.tables import ConsiderationSpec, StopSpec
+from seqrsm.spec.tables import ConsiderationSpec, SimulatorSpec, StopSpec
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +117,20 @@ def test_every_guard_has_its_words(flight, guard):
     section = question_section(dataclasses.replace(flight, spec=spec))
     words = [block.text for block in section.blocks if isinstance(block, Paragraph) and "in addition, " in block.text]
     assert len(words) == 1
+
+
+def test_what_members_of_a_set_have_of_their_own_is_held_fixed_too(flight):
+    """Else a board reads that C band looks at HH and HV, and dates and a member's own numbers have no unit."""
+    fixed = {"polarization": "HH+HV", "first_day": 120.0, "interval_days": 30.0, "X.altitude_m": 900.0}
+    members = {"C": {"polarization": "VV+VH", "integration_time": 10.0, "noise_temperature": 500.0}}
+    simulator = SimulatorSpec(engine="psm", scene="s.npz", fixed=fixed, members=members)
+    spec = dataclasses.replace(flight.spec, simulator=simulator)
+    words = [getattr(block, "text", "") for block in question_section(dataclasses.replace(flight, spec=spec)).blocks]
+    (told,) = [text.replace("\u00a0", " ") for text in words if text.startswith("Sensor parameters held fixed")]
+    assert told == (
+        "Sensor parameters held fixed: polarization HH+HV; first day 120 d; revisit interval 30 d; X.altitude 900 m; "
+        "C.polarization VV+VH; C.integration time 10 ms; C.noise temperature 500 K."
+    )
 
 
 def test_the_formula_of_a_consideration_is_told(flight):
@@ -350,6 +366,18 @@ def test_a_compromise_opens_the_summary(flight):
     found = dataclasses.replace(found, given_up=(missed,))
     sentence = build_report(two_uses(flight, compromise=found)).sections[0].blocks[1]
     assert "It is unacceptable for first use: no setting was found that is acceptable for all." in sentence.text
+
+
+def test_a_front_has_dashes_where_a_setting_has_no_effect():
+    """With L alone the cell of C, and with one date the interval, would be read as part of the design."""
+    names = (ContinuousFactor("interval_days", 6.0, 40.0, "d"), ContinuousFactor("C.resolution", 15.0, 60.0, "m"))
+    region = Region((CategoricalFactor("frequency", ("L", "L+C")), DiscreteFactor("dates", (1.0, 4.0)), *names))
+    ends = {"interval_days": 20.0, "C.resolution": 30.0}
+    settings = ({"frequency": "L", "dates": 1.0} | ends, {"frequency": "L+C", "dates": 4.0} | ends)
+    score = GivenUp("crops", 60.0, 63.0, 3.0, 1.0, 5.0, 0.8, "percent", True, {}, "")
+    found = CompromiseEstimate(np.zeros(4), {}, 0.8, 0.0, 0.95, {}, (score,), settings, np.array([[60.0], [63.0]]))
+    rows = [[getattr(cell, "text", cell) for cell in row][2:4] for row in _front_table(region, found).rows]
+    assert rows == [["\u2013", "\u2013"], ["20.00", "30.0"]]
 
 
 @pytest.mark.parametrize(("apart", "width"), [(1e-9, (2.0, 2.46)), (50.0, (55.0, 55.0 * 120.0 / 63.0))])

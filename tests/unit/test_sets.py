@@ -204,11 +204,47 @@ def test_a_setting_of_a_sensor_that_is_not_in_the_recommended_set_is_not_recomme
     assert "widening" not in str(told)
     (rows,) = [block.rows for block in told.blocks if isinstance(block, Table)]
     assert [[cell.text for cell in row] for row in rows][1] == ["C.angle", "–", "–", "–"]
-    note = "Of no effect, as its sensor is not in the set: C.angle."
+    note = "Of no effect, as its sensor is not in the set or there is but one date: C.angle."
     assert note in words
     assert analysis.notes == (note,)
     assert rounded_settings(analysis, analysis.optimum.settings) == "frequency L"
     assert told_settings(found.spec.region, {"frequency": "C", "C.angle": 30.0}, {})["C.angle"] == "30.00"
+
+
+@pytest.mark.parametrize(
+    ("settings", "idle"),
+    [
+        ({"dates": 1.0, "interval_days": 9.0}, ("interval_days",)),
+        ({"dates": 2.0, "interval_days": 9.0}, ()),
+        ({"interval_days": 9.0}, ()),
+        ({"dates": 1.0, "interval_days": 9.0, "C.dates": 4.0}, ()),
+        ({"dates": 1.0, "C.interval_days": 9.0}, ("C.interval_days",)),
+        ({"dates": 4.0, "C.dates": 1.0, "C.interval_days": 9.0, "interval_days": 6.0}, ("C.interval_days",)),
+    ],
+)
+def test_an_interval_between_dates_has_no_effect_on_one_date(settings, idle) -> None:
+    """All of a run's acquisitions are the same whatever it is, or they are not."""
+    factors = [CategoricalFactor("frequency", ("L+C", "C"))]
+    factors += [ContinuousFactor(name, 1.0, 20.0) for name in settings]
+    settings = {"frequency": "L+C", **settings}
+    assert without_effect(factors, settings) == idle
+    fixed = {"first_day": 100.0} | ({} if "dates" in settings else {"dates": 2.0})
+    for name in (one for one in settings if one.endswith("interval_days")):
+        when = [{m.dates.on for m in members_of("psm", {**settings, name: d}, fixed, {})} for d in (9.0, 12.0)]
+        assert (when[0] == when[1]) == (name in idle)
+
+
+def test_an_interval_for_all_goes_with_dates_for_all(tmp_path) -> None:
+    """A member with dates of its own would feel an interval that has no effect where all others look once."""
+    (tmp_path / "s.npz").write_bytes(b"")
+    text = TOML.format(factor="interval_days", more="[simulator.members.C]\ndates = 3")
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError, match=r"members\.C\.dates: dates of its own.*Give it interval_days, too"):
+        load_spec(tmp_path)
+    (tmp_path / "campaign.toml").write_text(
+        text.replace("dates = 3", "dates = 3\ninterval_days = 20"), encoding="utf-8"
+    )
+    assert load_spec(tmp_path).region.names == ("frequency", "interval_days")
 
 
 def test_a_dot_in_a_name_alone_makes_no_member_of_a_set() -> None:

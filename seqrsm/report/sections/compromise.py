@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
-from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
 from seqrsm.plain import heading
 from seqrsm.report.blocks import (
@@ -58,7 +57,7 @@ def compromise_section(region: Region, found: CompromiseEstimate) -> Section:
         _setting_table(region, found),
     ]
     if found.front_settings:
-        blocks.append(Details("Pareto front", (_front_table(region.factors, found),)))
+        blocks.append(Details("Pareto front", (_front_table(region, found),)))
     return Section("compromise", "Details of the compromise", tuple(blocks))
 
 
@@ -153,12 +152,12 @@ def _places(item: GivenUp) -> int:
     return decimals_for(half / 2.0, decimals_of_significant(item.own_best, 3))
 
 
-def _front_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Table:
+def _front_table(region: Region, found: CompromiseEstimate) -> Table:
     count = len(found.front_settings)
     chosen = range(0, count, max(1, -(-count // MAX_FRONT_ROWS)))
     rows: list[tuple[Entry, ...]] = [
         (
-            *(format_setting(f, found.front_settings[i][f.name], unit=False) for f in factors),
+            *told_settings(region, found.front_settings[i], {}).values(),
             *(
                 number_cell(format_number(value, _places(item)), value)
                 for item, value in zip(found.given_up, found.front_values[i].tolist(), strict=True)
@@ -167,7 +166,7 @@ def _front_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Table:
         for i in chosen
     ]
     columns: tuple[Head, ...] = (
-        *map(factor_column, factors),
+        *map(factor_column, region.factors),
         *(right(item.name, item.unit) for item in found.given_up),
     )
     caption = "Settings on the Pareto front"

@@ -55,9 +55,11 @@ def question_section(dossier: Dossier) -> Section:
         blocks.append(Paragraph("Constraints on the settings, in natural units:"))
         blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
     if spec.simulator is not None and spec.simulator.fixed:
+        members = spec.simulator.members.items()
+        given = spec.simulator.fixed | {f"{member}.{name}": v for member, own in members for name, v in own.items()}
         fixed = (
             f"{readable(name)} {with_unit(format_value(value), fixed_unit(name, value))}"
-            for name, value in spec.simulator.fixed.items()
+            for name, value in given.items()
         )
         blocks.append(Paragraph(f"Sensor parameters held fixed: {'; '.join(fixed)}."))
     return Section("question", "Question and region", (*blocks, *_data_blocks(dossier)))
