@@ -332,13 +332,12 @@ class Campaign:
 
         for analysis in analyses:
             settings = analysis.optimum.settings
-            sds = mean_sds(self.spec, settings)
+            sds, unit = mean_sds(self.spec, settings)
             change = self._moved(analysis, list(sds), range(1), workers, cluster)
             of_ground = analysis.optimum.ground.sd_ground**2 if analysis.optimum.ground else 0.0
             matter = [v["category"] for v in ranked_values(_values(sds, change), of_ground) if v["share"] >= MATTERS]
             for name, more in self._moved(analysis, matter, range(1, COVER_OCCASIONS), workers, cluster).items():
                 change[name] = np.hstack([change[name], more])
-            unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
             detail = {
                 "application": analysis.application,
                 "settings": dict(settings),

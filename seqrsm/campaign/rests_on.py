@@ -34,11 +34,16 @@ def rests_on(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[st
     return {status: share for status, share in shares.items() if share > 0.0}
 
 
-def mean_sds(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[str, float]:
-    """Standard deviation of the mean of each cover of the scored area, [dB] or [1], over the sensor's channels."""
+def mean_sds(spec: CampaignSpec, settings: Mapping[str, float | str]) -> tuple[dict[str, float], str]:
+    """Standard deviation of the mean of each cover of the scored area, over the channels of the images, and its unit.
+
+    Of backscatter [dB]; of emissivity [1] where there are radiometers alone.
+    """
     found, area, names = _looked_up(spec, settings)
-    sd = np.mean([one.mean_sd_db if hasattr(one, "mean_sd_db") else one.mean_sd for one in found], axis=0)
-    return {name: float(x) for name, x, share in zip(names, sd, area, strict=True) if share > 0.0 and x > 0.0}
+    of_radars = [one.mean_sd_db for one in found if hasattr(one, "mean_sd_db")]
+    sd = np.mean(of_radars or [one.mean_sd for one in found], axis=0)
+    covers = {name: float(x) for name, x, share in zip(names, sd, area, strict=True) if share > 0.0 and x > 0.0}
+    return covers, "dB" if of_radars else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

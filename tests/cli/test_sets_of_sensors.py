@@ -11,7 +11,7 @@ import pytest
 from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
-from seqrsm.campaign.rests_on import crop_calendar
+from seqrsm.campaign.rests_on import crop_calendar, mean_sds
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.spec.read import load_spec
 
@@ -113,3 +113,22 @@ def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) 
     found = seqrsm("check", folder)
     assert found.exit_code == 2
     assert "lies beyond the year" in found.stderr
+
+
+def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(tmp_path, tiny_scene) -> None:
+    """Decibels and emissivities have no mean; a set of radiometers alone has the emissivity's, without unit."""
+    passive = "[simulator.members.passive]\nengine = 'prm'\nfrequency = 1.4\npolarization = 'H'\nbandwidth = 25.0\n"
+    passive += "noise_temperature = 500.0\nintegration_time = 10.0\nscan_period = 1.0\naltitude_m = 1500.0\n\n"
+    sets = (
+        text()
+        .replace('"L+C"', '"L+C", "L+passive", "passive"')
+        .replace("[simulator.members.C]", passive + "[simulator.members.C]")
+    )
+    spec = load_spec(make_tiny(tmp_path / "mixed", tiny_scene, sets))
+    when = {"dates": 1.0, "first_day": 185.0, "C.resolution": 30.0}
+    found = {name: mean_sds(spec, {"frequency": name, **when}) for name in ("L", "L+passive", "passive")}
+    assert found["L+passive"] == found["L"]
+    assert found["L"][1] == "dB"
+    assert found["L"][0]["Trees"] == pytest.approx(2.5)  # an assumed mean
+    sds, unit = found["passive"]
+    assert (sds["Trees"], unit) == (pytest.approx(0.02, abs=0.011), "")
