@@ -6,9 +6,10 @@ the optimum, its intervals or the next runs asks them, and `surface_of` chooses 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.random import Generator
@@ -38,6 +39,9 @@ from seqrsm.spec.read import CampaignSpec
 
 _TOO_FAR = 2.0
 """Prior standard deviations beyond which the mean discrepancy is more than its prior allows for."""
+
+_BEYOND: Final = math.log(20.0)
+"""Log Bayes factor from which the difference is no ground's that the tables allow; 20 to 1 against one (assumed)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,22 +370,26 @@ def surface_of(
         return Surface(*given, fit.estimate[: model.p], fit.s, fit.df_residual, fit.n_terms, "")
     flights = np.array([source == "flight" for source in data.sources])
     prior_sd, ratio = expected_of_flights(spec, model, data, scale, ground)
-    both = fit_sources(
-        model,
-        data.points,
-        scale.values,
-        flights,
-        weights=fit.weights,
-        extra=blocks_within(block_labels(spec, data), flights),
-        prior_sd=prior_sd,
-        ratio=ratio,
+    blocks = blocks_within(block_labels(spec, data), flights)
+    fitted = partial(
+        fit_sources, model, data.points, scale.values, flights, weights=fit.weights, extra=blocks, ratio=ratio
     )
+    both, wide, beyond = fitted(prior_sd=prior_sd), guessed_sd(scale.values), False
+    if spec.model.discrepancy_sd is None and wide > prior_sd:  # else few flights that agree pass for wild scatter
+        guessed = fitted(prior_sd=wide)
+        beyond = guessed.log_evidence - both.log_evidence > _BEYOND
+        both = guessed if beyond else both
     off = abs(float((both.estimate - both.simulation)[0])) / both.prior_sd
     note = ""
     if off > _TOO_FAR:
         note = (
             f"Flights depart from simulations by {off:.1f} times the prior standard deviation, which draws the "
             "estimate towards the simulations: raise [model] discrepancy_sd."
+        )
+    elif beyond:
+        note = (
+            "Flights depart from simulations by far more than the uncertainty of the tables: the prior standard "
+            "deviation of their difference is a guess from the scores ([model] discrepancy_sd)."
         )
     elif both.prior_driven:
         note = (

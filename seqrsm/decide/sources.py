@@ -14,6 +14,7 @@ That is the quadratic's part of what is believed; the process beside it (`seqrsm
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -146,6 +147,18 @@ class SourceFit:
         """Whether the discrepancy is mostly its prior."""
         return self.n_flights < FEW_FLIGHTS or self.prior_share > 0.5
 
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of the scores under ``prior_sd``, over all ratios; up to a constant of the runs.
+
+        Least where the surface passes through every score and tells nothing of variances.
+        """
+        one = max(self.by_ratio, key=lambda given: given.share)
+        if one.posterior.b <= 0.0:
+            return -math.inf
+        narrow = float(np.sum(np.log(self.s_simulation / discrepancy_sd(self.model, self.prior_sd))))
+        return _log_weight(self.runs, one.posterior, one.ratio) - math.log(one.share) + narrow
+
     def flight_rows(self, rows: FloatArray) -> FloatArray:
         """Rows of all coefficients from model rows (m, p) of flights, at the mean block."""
         full = np.zeros((len(rows), len(self.posterior.mean)))
@@ -239,13 +252,19 @@ def _by_ratio(
     given = [posterior(runs.Z, runs.y, np.where(runs.flights, r, 1.0) * runs.weights, prior) for r in _RATIOS]
     if any(one.b <= 0.0 for one in given):
         return (GivenRatio(ratio, 1.0, likeliest),)
-    log_share = np.array([float(np.linalg.slogdet(one.factor)[1]) - one.a * np.log(one.b) for one in given])
-    to_guess = _RATIOS / runs.ratio
-    log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(to_guess) - 2 * np.log1p(to_guess)
+    log_share = np.array([_log_weight(runs, one, r) for one, r in zip(given, _RATIOS.tolist(), strict=True)])
     share = np.exp(log_share - np.max(log_share))
     share[share < _DUST] = 0.0
     share /= np.sum(share)
     return tuple(GivenRatio(float(r), float(w), one) for r, w, one in zip(_RATIOS, share, given, strict=True) if w)
+
+
+def _log_weight(runs: StackedRuns, given: ConjugatePosterior, ratio: float) -> float:
+    """Logarithm of the probability of a ratio and of the scores under it, up to a constant of runs and prior."""
+    likelihood = float(np.linalg.slogdet(given.factor)[1]) - given.a * math.log(given.b)
+    to_guess = ratio / runs.ratio
+    likelihood += 0.5 * np.count_nonzero(runs.flights) * math.log(ratio)
+    return likelihood + math.log(to_guess) - 2.0 * math.log1p(to_guess)
 
 
 def to_flight(model: QuadraticModel, coefficients: FloatArray) -> FloatArray:

@@ -50,8 +50,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ("fixed": a constant for each block; "random": blocks are a sample, predictions are for a new one);
     ``discrepancy_sd``: prior standard deviation of the model discrepancy (flight minus simulation) as a mean over
     the region, in score units (half of it for coded coefficients of first order, a quarter for products and
-    squares), by default from the standard deviation between worlds if simulations measured it, else 0.4 standard
-    deviations of the scores.
+    squares), by default from the standard deviation between worlds if simulations measured it and flights do not
+    depart by far more, else 0.4 standard deviations of the scores.
 ``[simulator]``, omitted for a campaign with measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign folder; ``table`` (none): a CSV file of
     your own sigma0 or emissivity, whose categories replace the built-in ones; ``known_map`` (none): a CSV file with the

@@ -183,6 +183,38 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
     ) == (1.5, pytest.approx(1.0 / (1.0 - ground.share)))  # fmt: skip
 
 
+@pytest.mark.parametrize("off", [0.0, -19.0])
+def test_flights_beyond_what_the_tables_allow_are_not_taken_for_noise(tmp_path: Path, off: float) -> None:
+    """Near the ceiling of a score grounds differ by 0.4; four flights that agree on 19 less are no scatter of 19."""
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
+    spec, held, told = load_spec(tmp_path), [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        ground = Ground(0.4, 0.6, 16, 32, 0.3)
+        points = rng.uniform(-1.0, 1.0, (44, 1))
+        flights = np.arange(44) >= 40
+        scores = 95.0 - 40.0 * points[:, 0] ** 2 + rng.standard_normal(44) + off * flights
+        runs = [
+            scored_run(i + 1, 1, NewRun(settings, "", "", "flight" if flight else "simulation"), NewScore("a", score))
+            for i, (settings, flight, score) in enumerate(
+                zip(spec.region.decode(points), flights, scores.tolist(), strict=True)
+            )
+        ]
+        data = scored_runs(spec.region, runs, "a")
+        model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
+        found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
+        assert isinstance(found, TwoSources)
+        row = model.matrix(np.mean(points[flights], axis=0)[None, :])
+        _, low, high = found.both.discrepancy(row[0])
+        held.append(low <= off <= high)
+        told.append("by far more than the uncertainty of the tables" in found.note or "times the prior" in found.note)
+        assert found.both.s < 4.0
+        as_tables = found.both.prior_sd == prior_of_difference(ground, model, data.points)
+        assert as_tables == (off == 0.0)
+    assert sum(held) >= 10
+    assert all(told) == any(told) == (off < 0.0)
+
+
 def test_before_the_first_flight_flights_are_expected_to_be_as_the_grounds_that_were_measured(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(5)
