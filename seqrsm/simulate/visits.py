@@ -24,7 +24,10 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.exchange import Sensor
 
 _LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
-_SLOW_SHARE, _SLOW_DAYS, _FAST_DAYS = 0.74, 30.0, 4.5
+_SLOW_SHARE, _SLOW_DAYS = 0.74, 30.0
+FAST_DAYS: Final = 4.5
+"""In which the weather of a date falls to 1/e of itself [d]: what rain does to soil, and to plants (assumed)."""
+
 _YEAR_DAYS: Final = 7.0  # by which a year is early or late, in common and for each cover, standard deviation
 
 
@@ -132,7 +135,7 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
         return float(generator(seed, run_id, "soil moisture").random())
     past = visit.days[: visit.number + 1]
     draws = generator(seed, run_id, "soil moisture of days").standard_normal((len(past), 2))
-    slow, fast = faded(list(draws), past, np.array([_SLOW_DAYS, _FAST_DAYS]))
+    slow, fast = faded(list(draws), past, np.array([_SLOW_DAYS, FAST_DAYS]))
     return float(ndtr(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
 
 

@@ -329,6 +329,25 @@ def test_a_late_year_and_a_late_field_are_looked_at_before_their_time(monkeypatc
         np.testing.assert_allclose(found.field_offset_db[0, mine], expected, atol=1e-12)
 
 
+def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
+    """Else a second look after six hours would tell crops apart by weather that is drawn anew for each of them."""
+    monkeypatch.setattr(occasion, "_YEAR_DB", 0.0)
+    monkeypatch.setattr(occasion, "year_shift_days", lambda n, **key: np.zeros(n))
+    days, covers = (150.0, 150.25, 154.5, 180.0), (*CROPS, "Trees")
+    looked, fields = [at(day, categories=covers) for day in days], np.zeros(1, dtype=np.uint8)
+
+    def offsets(run):
+        given = [(radar(), [one], fields, (0.2, 5.0), Visit(days, t)) for t, one in enumerate(looked)]
+        return [draw_occasion(*one, seed=3, run_id=run).class_offset_db[0] for one in given]
+
+    found = np.array([offsets(run) for run in range(900)])
+    np.testing.assert_allclose(found[:, :, :-1].std(axis=(0, 2)), np.hypot(0.8, 0.4), rtol=0.06)
+    assert found[:, :, -1].std() == pytest.approx(looked[0].date_sd_db[-1], rel=0.06)
+    for t, day in enumerate(days):
+        together = [np.corrcoef(found[:, 0, k], found[:, t, k])[0, 1] for k in range(len(covers))]
+        assert np.mean(together) == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
+
+
 def test_calibration_errs_for_all_covers_of_a_channel_alike():
     looks = [at(150.0), at(150.0, "HV")]
     fields = np.zeros(1, dtype=np.uint8)

@@ -30,6 +30,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.visits import (
+    FAST_DAYS,
     Visit,
     faded,
     field_moisture,
@@ -111,10 +112,11 @@ def draw_occasion(
     channels share the part of the variance that the table gives as their correlation. A channel's draw does not depend
     on which other channels there are, on sensors of the same dates, or on later dates.
 
-    On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date, common
-    to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), a level (1 dB) and a shift of the year, and fields
-    with a lasting departure, one that fades, and a shift of their own (`seqrsm.scattering.calendar`). The spread was
-    measured with early and late fields in it, so what their shift makes of it on a day is taken off what fades.
+    On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
+    common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
+    shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
+    (`seqrsm.scattering.calendar`). The spread was measured with early and late fields in it, so what their shift
+    makes of it on a day is taken off what fades.
 
     Parameters
     ----------
@@ -173,14 +175,18 @@ def _dated(
     late = np.where(course.even, 0.0, year_shift_days(n, **key))
     moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
     now = on_day(course.change_db, day)
-    own = draw(visit.dated("date backscatter"), n)
-    weather = _WEATHER_DB[draw.channel == "HV"] * draw(visit.dated("weather"), 1) + _CROP_WEATHER_DB * own
+    past = visit.days[: visit.number + 1]
+
+    def faded_to(purpose: str, size: int, memory_days: FloatArray) -> FloatArray:
+        return faded([draw(Visit(visit.days, t).dated(purpose), size) for t in range(len(past))], past, memory_days)
+
+    own = faded_to("date backscatter", n, np.full(n, FAST_DAYS))
+    common = faded_to("weather", 1, np.array([FAST_DAYS]))
+    weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
-    past = visit.days[: visit.number + 1]
     lasts = draw("lasting backscatter", category.size)
-    fresh = [draw(Visit(visit.days, t).dated("field backscatter"), category.size) for t in range(len(past))]
-    fades = faded(fresh, past, course.memory_days[category])
+    fades = faded_to("field backscatter", category.size, course.memory_days[category])
     spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
