@@ -6,9 +6,10 @@ import math
 import re
 import textwrap
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +47,8 @@ ASSUMED_SPREAD = 3.0
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
 
+_NEAR_OCTAVES = 0.8
+"""Nearer bands have means of covers that differ by more than twice what fields do: from L to C, by 1.4 times."""
 _ROOM = 1.2
 """By how much a target may be above the median half-width that the budget gives."""
 _RUN_SD = "s.d. of a run"  # unit of half-widths where nothing is known yet of the scatter
@@ -321,6 +324,7 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     levels = [replace(tasks[0], settings=setting) for setting in spec.region.decode(centres)[:8]]
     made = (image for task in levels for image in simulate_images(task, scene_at(task.scene)))
     notes = dict.fromkeys(note for image in made for note in image.notes)
+    notes |= dict.fromkeys(note for setting in spec.region.decode(centres) for note in _near_bands(spec, setting))
     start = time.perf_counter()
     results = []
     for task in tasks:
@@ -344,6 +348,18 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
         spread = math.sqrt(max(over, (0.5 * noise) ** 2))
         found.append(_Scatter(noise, ground.share, df, source, spread, float(scores[:, :, k].mean())))
     return found, seconds, tuple(notes)
+
+
+def _near_bands(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator[str]:
+    """Radars of a set in bands of which the tables do not know how much alike they see the ground."""
+    sensors = (one.sensor for one in task_of(spec, 0, settings).acquisitions)
+    bands = sorted({sensor.frequency_ghz for sensor in sensors if isinstance(sensor, RadarConfiguration)})
+    for low, high in pairwise(bands):
+        if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:
+            yield (
+                f"radars at {low:g} and {high:g} GHz are {octaves:.2g} octave apart: how differently two near bands "
+                "see a cover is assumed, and the gain of the second is likely too large"
+            )
 
 
 def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:

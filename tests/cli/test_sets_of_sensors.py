@@ -132,3 +132,13 @@ def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(
     assert found["L"][0]["Trees"] == pytest.approx(2.5)  # an assumed mean
     sds, unit = found["passive"]
     assert (sds["Trees"], unit) == (pytest.approx(0.02, abs=0.011), "")
+
+
+@pytest.mark.parametrize(("sets", "told"), [(["L+C", "L+C+X"], 0), (["S+C"], 1), (["1.25+1.4", "1.4+1.25+C"], 1)])
+def test_check_tells_of_bands_too_near_to_rest_on(tmp_path, tiny_scene, sets, told) -> None:
+    """1.4 GHz beside 1.25 GHz gains nearly what C band does: what near bands see differently is assumed."""
+    given = text().replace('["L", "C", "L+C"]', json.dumps(["C", *sets]))
+    folder = make_tiny(tmp_path / "near", tiny_scene, given)
+    found = [note for note in json.loads(seqrsm("check", folder, "--json").stdout)["notes"] if "octave" in note]
+    assert len(found) == told
+    assert all(note.endswith("the gain of the second is likely too large") for note in found)
