@@ -43,6 +43,7 @@ class _Parser:
         self.text = text
         self.numeric: set[str] = set()
         self.labels: list[tuple[str, tuple[str, ...]]] = []
+        self.open_ends: list[tuple[str, float]] = []
 
     def fail(self, message: str, node: ast.AST | None = None) -> RegionError:
         column = getattr(node, "col_offset", None)
@@ -81,6 +82,10 @@ class _Parser:
     def comparison(self, left: ast.expr, op: ast.cmpop, right: ast.expr, node: ast.AST) -> Node:
         sign = _ORDER.get(type(op))
         if sign is not None:
+            sides = ((left, right), (right, left)) if isinstance(op, ast.Lt | ast.Gt) else ()
+            for side, end in sides:
+                if isinstance(end, ast.Constant):
+                    self.open_ends.append((ast.unparse(side), self.constant(end)))
             low, high = (left, right) if sign > 0 else (right, left)
             return ("<=", self.number(low), self.number(high))
         if isinstance(op, (ast.Eq, ast.NotEq)):
@@ -280,6 +285,7 @@ class Constraint:
     expr: str
     numeric_names: frozenset[str] = field(init=False, repr=False, compare=False)
     labels: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
+    open_ends: tuple[tuple[str, float], ...] = field(init=False, repr=False, compare=False)
     _tree: Node = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -289,6 +295,7 @@ class Constraint:
         object.__setattr__(self, "_tree", parser.parse())
         object.__setattr__(self, "numeric_names", frozenset(parser.numeric))
         object.__setattr__(self, "labels", tuple(parser.labels))
+        object.__setattr__(self, "open_ends", tuple(parser.open_ends))
 
     @property
     def names(self) -> frozenset[str]:

@@ -42,6 +42,7 @@ def declaration_problems(factors: Sequence[Factor], constraints: Sequence[Constr
         for name in sorted({name for name in names if names.count(name) > 1})
     ]
     by_name = {factor.name: factor for factor in factors}
+    discrete = {factor.name: factor.values for factor in factors if isinstance(factor, DiscreteFactor)}
     for constraint in constraints:
         place = f"constraint '{constraint.expr}'"
         problems += [
@@ -53,6 +54,12 @@ def declaration_problems(factors: Sequence[Factor], constraints: Sequence[Constr
             Problem(text, "Use ==, != or in.", field=place, value=name)
             for name in sorted(constraint.numeric_names)
             if isinstance(by_name.get(name), CategoricalFactor)
+        ]
+        text = "< and > include their end, which would be allowed here"
+        problems += [
+            Problem(text, "Write <= or >= with the nearest value that is allowed.", field=place, value=end)
+            for side, end in constraint.open_ends
+            if end in discrete.get(side, ()) or (side.startswith("count(") and end.is_integer())
         ]
         for name, labels in constraint.labels:
             factor = by_name.get(name)

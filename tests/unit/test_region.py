@@ -195,3 +195,28 @@ def test_regions_travel_between_processes():
     assert other == region
     points = Region(FACTORS).sample(50, np.random.default_rng(0))
     np.testing.assert_array_equal(other.feasible(points), region.feasible(points))
+
+
+@pytest.mark.parametrize(
+    ("expr", "refused"),
+    [
+        ("dates > 1 or x <= 10", True),
+        ("1 < dates", True),
+        ("count(frequency) > 1", True),
+        ("x <= 10 and 1 < dates < 4", True),
+        ("dates > 3", False),  # between two of its values
+        ("dates >= 2 or x < 10", False),
+    ],
+)
+def test_an_end_that_a_discrete_factor_takes_is_not_excluded_by_a_sign_that_includes_it(expr, refused) -> None:
+    """Slack 0 is feasible, on which a search along a bound relies: dates > 1 would allow one date."""
+    factors = (DiscreteFactor("dates", (1.0, 2.0, 4.0)), ContinuousFactor("x", 6.0, 40.0))
+    factors = (*factors, CategoricalFactor("frequency", ("L", "C", "L+C")))
+    if not refused:
+        Region(factors, (Constraint(expr),))
+        return
+    with pytest.raises(RegionError, match=r"< and > include their end") as told:
+        Region(factors, (Constraint(expr),))
+    assert {problem.remedy for problem in told.value.problems} == {
+        "Write <= or >= with the nearest value that is allowed."
+    }
