@@ -84,10 +84,10 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
     gain, width = float(db_to_linear(radar.antenna_gain_db)), radar.azimuth_beamwidth_rad
     isotropic = radar.elevation_pattern == "isotropic"
     height = float(far_look - near_look) if isotropic else math.radians(radar.elevation_beamwidth_deg)
-    most = 4.0 * math.pi / (width * height)
+    most = 4.0 * math.pi / (width * height) / _GAIN_MARGIN
     told = f"a beam of {math.degrees(height):.3g} by {math.degrees(width):.3g} deg has at most"
-    told += f" {10.0 * math.log10(most):.1f} dB; specified are {radar.antenna_gain_db:g} dB"
-    found.append(Limit("gain against beam", most / (_GAIN_MARGIN * gain), told))
+    told += f" {10.0 * math.log10(most):.1f} dB, 3 dB of it for its shape; specified are {radar.antenna_gain_db:g} dB"
+    found.append(Limit("gain against beam", most / gain, told))
     if radar.aperture == "synthetic":
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
         path = 0.5 * float(near_slant + far_slant) * math.tan(radar.centre_incidence_rad)

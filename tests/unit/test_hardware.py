@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -106,3 +107,12 @@ def test_the_data_rate_counts_what_each_pulse_brings_back() -> None:
     for channels, times in ((("HH", "HV"), 2.0), (("HH", "VV"), 1.0), (("HH", "HV", "VV"), 1.5)):
         assert data_rate_bit_s(replace(flat, channels=channels), 500e3, 550e3) == pytest.approx(times * one)
     assert data_rate_bit_s(replace(flat, adc_bits=0), 500e3, 550e3) == pytest.approx(0.5 * one)  # 4 bits
+
+
+@pytest.mark.parametrize("more_db", [0.0, 2.0, 5.0])
+def test_the_margin_of_the_gain_is_that_of_the_two_numbers_beside_it(more_db) -> None:
+    """A beam of less than the specified gain with a margin above 1 would read as a slip."""
+    radar = replace(SENTINEL_IW2, antenna_gain_db=SENTINEL_IW2.antenna_gain_db + more_db)
+    (rule,) = [one for one in limits(radar, 750e3, 835e3) if one.name == "gain against beam"]
+    most, specified = (float(number) for number in re.findall(r"(-?[\d.]+) dB", rule.text)[::2])
+    assert rule.margin == pytest.approx(10.0 ** (0.1 * (most - specified)), rel=0.02)
