@@ -20,6 +20,7 @@ from seqrsm.analysis.conclude import stop_rule, with_days
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
@@ -47,6 +48,7 @@ ASSUMED_SPREAD = 3.0
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
 
+_UTM_SOUTH = 327  # EPSG 32701 to 32760
 _NEAR_OCTAVES = 0.8
 """Nearer bands have means of covers that differ by more than twice what fields do: from L to C, by 1.4 times."""
 _ROOM = 1.2
@@ -137,7 +139,10 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     """
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
-    combinations = check_simulator(spec) if spec.simulator is not None else ()
+    combinations: tuple[str, ...] = ()
+    if spec.simulator is not None:
+        doubts = (text for settings in spec.region.decode(_centres(spec)) for text in _doubts(spec, settings))
+        combinations = tuple(dict.fromkeys([*check_simulator(spec), *doubts]))
     analyses = _so_far(spec)
     found, seconds = [_Scatter()] * len(spec.applications), float("nan")
     covers: tuple[str, ...] = ()
@@ -240,16 +245,18 @@ def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str
         return ()
     scene, found = scene_at(str(spec.scene_path)), []
     for settings in recommended:
-        sensors = dict.fromkeys(one.sensor for one in task_of(spec, 0, settings).acquisitions)
-        for sensor in (one for one in sensors if isinstance(one, RadarConfiguration)):
-            frame = make_frame(scene, sensor, "float32")
-            found += [f"{one.name}, margin {one.margin:.3g}: {one.text}" for one in frame_limits(sensor, frame)]
+        sensors = dict.fromkeys((one.sensor, one.member) for one in task_of(spec, 0, settings).acquisitions)
+        for sensor, member in sensors:
+            if not isinstance(sensor, RadarConfiguration):
+                continue
+            frame, who = make_frame(scene, sensor, "float32"), f"{member}, " if member else ""
+            found += [f"{who}{one.name}, margin {one.margin:.3g}: {one.text}" for one in frame_limits(sensor, frame)]
             if sensor.scan == "slar":
                 bits = f"{sensor.adc_bits} bits" if sensor.adc_bits else f"{ASSUMED_BITS} bits (assumed)"
                 rate = 1e-6 * data_rate_bit_s(sensor, *frame_swath(frame))
                 told = f"{rate:.3g} Mbit/s over this swath with {bits} each for I and Q"
                 orbits = sensor.altitude_m > LOWEST_ORBIT_M
-                found.append(f"data rate, margin {_downlinks(told, rate)}" if orbits else f"data rate, {told}")
+                found.append(f"{who}data rate, {f'margin {_downlinks(told, rate)}' if orbits else told}")
     return tuple(dict.fromkeys(found))
 
 
@@ -306,10 +313,6 @@ def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
 
 def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[list[_Scatter], float, tuple[str, ...]]:
     """The scatter of each application's runs by simulations all over the region, seconds of a run, and notes."""
-    levels_of = list(spec.region.level_combinations())
-    centres = np.tile(spec.region.centre(), (len(levels_of), 1))
-    centres[:, list(spec.region.categorical)] = levels_of
-    centres = centres[spec.region.feasible(centres)]
     points = spec.region.sample(PROBES, generator(spec.seed, 0, "spread"))
     each = PROBE_WORLDS * OCCASIONS
     tasks = [
@@ -321,10 +324,9 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     ]
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
-    levels = [replace(tasks[0], settings=setting) for setting in spec.region.decode(centres)[:8]]
+    levels = [replace(tasks[0], settings=setting) for setting in spec.region.decode(_centres(spec)[:8])]
     made = (image for task in levels for image in simulate_images(task, scene_at(task.scene)))
     notes = dict.fromkeys(note for image in made for note in image.notes)
-    notes |= dict.fromkeys(note for setting in spec.region.decode(centres) for note in _near_bands(spec, setting))
     start = time.perf_counter()
     results = []
     for task in tasks:
@@ -350,10 +352,22 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[li
     return found, seconds, tuple(notes)
 
 
-def _near_bands(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator[str]:
-    """Radars of a set in bands of which the tables do not know how much alike they see the ground."""
-    sensors = (one.sensor for one in task_of(spec, 0, settings).acquisitions)
-    bands = sorted({sensor.frequency_ghz for sensor in sensors if isinstance(sensor, RadarConfiguration)})
+def _centres(spec: CampaignSpec) -> FloatArray:
+    """The centre of the region at every combination of levels, coded, as far as constraints allow."""
+    levels_of = list(spec.region.level_combinations())
+    centres = np.tile(spec.region.centre(), (len(levels_of), 1))
+    centres[:, list(spec.region.categorical)] = levels_of
+    return centres[spec.region.feasible(centres)]
+
+
+def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator[str]:
+    """Where the tables end: radars of a set in bands too near to know how much alike they see the ground; the south."""
+    task = task_of(spec, 0, settings)
+    made, epsg = task.acquisitions, scene_at(task.scene).epsg or 0
+    south = epsg // 100 == _UTM_SOUTH or any(getattr(one.sensor, "latitude_deg", 0.0) < 0.0 for one in made)
+    if south and made[0].visit.day is not None:
+        yield "the calendar of crops is of the northern hemisphere, the scene in the southern: move days by half a year"
+    bands = sorted({one.sensor.frequency_ghz for one in made if isinstance(one.sensor, RadarConfiguration)})
     for low, high in pairwise(bands):
         if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:
             yield (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from tiny_campaign import make_tiny
 
 from seqrsm.campaign.rests_on import crop_calendar, mean_sds
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
 
 FACTORS = """
@@ -134,11 +136,28 @@ def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(
     assert (sds["Trees"], unit) == (pytest.approx(0.02, abs=0.011), "")
 
 
-@pytest.mark.parametrize(("sets", "told"), [(["L+C", "L+C+X"], 0), (["S+C"], 1), (["1.25+1.4", "1.4+1.25+C"], 1)])
-def test_check_tells_of_bands_too_near_to_rest_on(tmp_path, tiny_scene, sets, told) -> None:
+@pytest.mark.parametrize(("sets", "n"), [(["L+C", "L+C+X"], 0), (["S+C"], 1), (["1.25+1.4", "1.4+1.25+C"], 1)])
+def test_check_tells_of_bands_too_near_to_rest_on(tmp_path, tiny_scene, sets, n) -> None:
     """1.4 GHz beside 1.25 GHz gains nearly what C band does: what near bands see differently is assumed."""
     given = text().replace('["L", "C", "L+C"]', json.dumps(["C", *sets]))
     folder = make_tiny(tmp_path / "near", tiny_scene, given)
-    found = [note for note in json.loads(seqrsm("check", folder, "--json").stdout)["notes"] if "octave" in note]
-    assert len(found) == told
+    found = [note for note in told("check", folder)["combinations"] if "octave" in note]
+    assert len(found) == n
     assert all(note.endswith("the gain of the second is likely too large") for note in found)
+
+
+@pytest.mark.parametrize(
+    ("epsg", "dated", "expected"), [(32721, True, True), (32621, True, False), (32721, False, False)]
+)
+def test_check_tells_that_the_calendar_is_of_the_northern_hemisphere(
+    tmp_path, tiny_scene, epsg, dated, expected
+) -> None:
+    """On day 15, wheat of the pampa is ripe; that of the calendar lies under the winter. EPSG 327xx is UTM south."""
+    days = "first_day = 15.0\n" if dated else ""
+    without_dates = re.sub(r"(?s)\[\[factor\]\]\nname = \"dates\".*?(?=\[\[factor\]\]\nname = \"C)", "", text())
+    given = without_dates.replace("interval_days = 20.0\n", days)
+    folder = make_tiny(tmp_path / "south", tiny_scene, given)
+    (place,) = folder.glob("*.npz")
+    save_scene(replace(load_scene(place), epsg=epsg), place)
+    notes = told("check", folder)["combinations"]
+    assert any("northern hemisphere" in note for note in notes) == expected
