@@ -8,7 +8,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -202,26 +202,23 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         remedy = "Ingest measured scores, or add a [simulator] table."
         raise SpecError("this campaign has no simulator", remedy, file=str(spec.folder / SPEC_NAME))
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
-    engine = ENGINES[spec.simulator.engine]
     for k, (_, name) in enumerate(utilities):
         try:
             check_utility(name)
         except SpecError as error:
             raise SpecError(*(placed(spec, one, "application", k, "utility") for one in error.problems)) from error
-    fixed = dict(spec.simulator.fixed)
-    fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
-    fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
+    place = partial(_placed, file=lambda path: str(spec.folder / path), function=partial(located, spec.folder))
     task = SimulationTask(
         spec.simulator.engine,
         run_id,
         spec.seed,
         dict(settings),
-        fixed,
+        place(spec.simulator.fixed),
         str(spec.scene_path),
         str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
         cells,
-        spec.simulator.members,
+        {name: place(own) for name, own in spec.simulator.members.items()},
         known_map=str(spec.folder / spec.simulator.known_map) if spec.simulator.known_map else "",
     )
     return task if run_id == NO_RUN else replace(task, world=run_id)
@@ -332,22 +329,44 @@ def _fault(error: Exception, task: SimulationTask) -> str:
 
 def files_of(task: SimulationTask) -> frozenset[str]:
     """Paths of the files that a task reads."""
-    engine = ENGINES[task.engine]
-    own = (str(task.fixed[name]) for name in engine.files if task.fixed.get(name))
-    functions = (str(task.fixed.get(name, "")) for name in engine.functions)
-    code = (file_of(name) for name in (*(utility for _, utility in task.utilities), *functions))
-    return frozenset(path for path in (task.scene, task.table, task.known_map, *own, *code) if path)
+    found = {task.scene, task.table, task.known_map, *(file_of(utility) for _, utility in task.utilities)}
+
+    def see(path: str) -> str:
+        found.add(path)
+        return path
+
+    for values in (task.fixed, *task.members.values()):
+        _placed(values, see, lambda name: see(file_of(name)))
+    return frozenset(path for path in found if path)
+
+
+def _placed(values: Settings, file: Callable[[str], str], function: Callable[[str], str]) -> dict[str, float | str]:
+    """Parameters of a sensor, or of a member of a set, with the files and functions that they name as these tell."""
+    found = dict(values)
+    for name, value in values.items():
+        own = name.rpartition(".")[2]
+        if value and any(own in engine.files for engine in ENGINES.values()):
+            found[name] = file(str(value))
+        elif any(own in engine.functions for engine in ENGINES.values()):
+            found[name] = function(str(value))
+    return found
 
 
 def on_this_machine(task: SimulationTask) -> SimulationTask:
     """The task with the places where its files lie here; a cluster's worker has copies."""
-    engine = ENGINES[task.engine]
-    own = {name: local_file(str(task.fixed[name])) for name in engine.files if task.fixed.get(name)}
-    functions = {name: _local_function(str(task.fixed[name])) for name in engine.functions if name in task.fixed}
+    place = partial(_placed, file=local_file, function=_local_function)
+    members = {name: place(own) for name, own in task.members.items()}
     utilities = tuple((application, _local_function(name)) for application, name in task.utilities)
-    fixed = {**task.fixed, **own, **functions}
     scene, table, known_map = (local_file(path) for path in (task.scene, task.table, task.known_map))
-    return replace(task, scene=scene, table=table, known_map=known_map, fixed=fixed, utilities=utilities)
+    return replace(
+        task,
+        scene=scene,
+        table=table,
+        known_map=known_map,
+        fixed=place(task.fixed),
+        members=members,
+        utilities=utilities,
+    )
 
 
 def _local_function(name: str) -> str:

@@ -13,6 +13,7 @@ from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
 from seqrsm.campaign.rests_on import crop_calendar, mean_sds
+from seqrsm.campaign.simulation import carry_out, files_of, task_of
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
@@ -161,3 +162,27 @@ def test_check_tells_that_the_calendar_is_of_the_northern_hemisphere(
     save_scene(replace(load_scene(place), epsg=epsg), place)
     notes = told("check", folder)["combinations"]
     assert any("northern hemisphere" in note for note in notes) == expected
+
+
+@pytest.mark.parametrize("key", ["[simulator.members.C]\ntargets_file", '"C.targets_file"', "targets_file"])
+def test_a_file_of_a_member_lies_in_the_campaign_s_folder_and_is_watched(
+    tmp_path, tiny_scene, monkeypatch, key
+) -> None:
+    """Read from where the command runs it was not found, or another; and a change of it went unseen."""
+    monkeypatch.chdir(tmp_path)
+    given = text().replace(
+        "interval_days = 20.0", "interval_days = 20.0\n" + ("" if "[" in key else f"{key} = 't.csv'")
+    )
+    folder = make_tiny(
+        tmp_path / "files",
+        tiny_scene,
+        given.replace("[simulator.members.C]", f"{key} = 't.csv'") if "[" in key else given,
+    )
+    (folder / "t.csv").write_text("row,column,cross_section_dbm2\n5,5,40\n", encoding="utf-8")
+    spec = load_spec(folder)
+    when = {"frequency": "L+C", "dates": 1.0, "first_day": 185.0, "C.resolution": 30.0}
+    task = task_of(spec, 1, when)
+    radars = {one.member: one.sensor.targets_file for one in task.acquisitions}
+    assert radars["C"] == str(folder / "t.csv")
+    assert str(folder / "t.csv") in files_of(task)
+    assert carry_out(task).failure == ""
