@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 from seqrsm.errors import ConfigurationError, Problem
@@ -51,7 +52,7 @@ class Dates:
     Raises
     ------
     ConfigurationError
-        Dates without a day, beyond the year, or given twice.
+        Dates without a day, beyond the year, out of order, or given twice.
     """
 
     dates: int = 1
@@ -72,16 +73,18 @@ class Dates:
                 remedy = "Keep all dates within days 1 to 365: fewer dates, a shorter interval or an earlier first day"
                 field = "days" if self.days else "first_day"
                 raise ConfigurationError(text, remedy, field=field, value=self.days or self.first_day)
+        if any(later <= day for day, later in pairwise(self.on)):
+            remedy = "Write each once, the first one first; a series across the new year is not simulated"
+            raise ConfigurationError("the days do not rise", remedy, field="days", value=self.days)
 
     @property
     def on(self) -> tuple[float, ...]:
         """Days of the year, rising; empty where the season stands for them."""
         if self.days:
             try:
-                found = sorted({float(day) for day in self.days.split("+")})
+                return tuple(float(day) for day in self.days.split("+"))
             except ValueError:
-                found = [math.nan]
-            return tuple(found)
+                return (math.nan,)
         if self.first_day is None:
             return ()
         return tuple(self.first_day + k * self.interval_days for k in range(self.dates))

@@ -76,7 +76,7 @@ def test_days_of_all_members_are_one_calendar() -> None:
         ({}, ()),
         ({"first_day": 100.0}, (100.0,)),
         ({"dates": 3, "first_day": 100.0, "interval_days": 10.0}, (100.0, 110.0, 120.0)),
-        ({"days": "200+120+150.5"}, (120.0, 150.5, 200.0)),
+        ({"days": "120+150.5+200"}, (120.0, 150.5, 200.0)),
         ({"first_day": 365.0}, (365.0,)),
     ],
 )
@@ -91,6 +91,8 @@ def test_dates(given, days) -> None:
         ({"dates": 12, "first_day": 200.0, "interval_days": 30.0}, "day 530 lies beyond the year|beyond the year"),
         ({"days": "120", "first_day": 100.0}, "specified twice"),
         ({"days": "120+spring"}, "beyond the year"),
+        ({"days": "300+20"}, "days do not rise"),  # October and the January after it, 85 days later
+        ({"days": "120+120"}, "days do not rise"),
         ({"days": "0"}, "beyond the year"),
     ],
 )
