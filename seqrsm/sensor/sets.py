@@ -125,7 +125,7 @@ def set_problems(written: float | str, members: Mapping[str, Values]) -> list[Pr
     names = [part.strip() for part in str(written).split("+")]
     for name in names:
         if frequency_of(name, members) is None:
-            known = ", ".join([*BANDS, *members])
+            known = ", ".join(dict.fromkeys([*BANDS, *members]))
             remedy = f"A member is a number of GHz, a band or a [simulator.members] of yours: {known}"
             return [Problem("no such member of a set", remedy, field="frequency", value=name)]
     if len(set(names)) < len(names):

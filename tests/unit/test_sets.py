@@ -13,7 +13,7 @@ from seqrsm.report.blocks import Paragraph, Table
 from seqrsm.report.sections.summary import summary_section
 from seqrsm.report.wording import rounded_settings, told_settings
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.sensor.sets import BANDS, Dates, members_of
+from seqrsm.sensor.sets import BANDS, Dates, members_of, set_problems
 from seqrsm.spec.read import load_spec
 from seqrsm.spec.sensors import without_effect
 
@@ -257,3 +257,8 @@ def test_a_dot_in_a_name_alone_makes_no_member_of_a_set() -> None:
     assert without_effect(factors, {"frequency": "L", "C.gain": 1.0}) == ("C.gain",)
     assert without_effect(factors, {"frequency": "L + C", "C.gain": 1.0}) == ()
     assert without_effect(factors[1:], {"C.gain": 1.0}) == ()
+
+
+def test_a_band_with_a_table_of_its_own_is_named_once() -> None:
+    (problem,) = set_problems("L+Q", {"C": {"polarization": "VV+VH"}, "az": {"frequency": 9.4}})
+    assert problem.remedy.endswith(": P, L, S, C, X, Ku, K, Ka, az")
