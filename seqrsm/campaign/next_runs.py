@@ -22,7 +22,7 @@ from seqrsm.errors import SpecError
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, propose_batch
 from seqrsm.propose.candidates import Source
-from seqrsm.propose.cloud import propose_from_process
+from seqrsm.propose.cloud import Runs, propose_from_process
 from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
@@ -166,11 +166,9 @@ class _Chooser:
             process,
             self.spec.region,
             self.target,
-            self.spec.region.code([run.settings for run in done]),
-            np.array([run.day for run in done]),
+            Runs(self.spec.region.code([run.settings for run in done]), np.array([run.day for run in done]), barred),
             n,
             weight=float(self.weights(self.target[None, :])[0]),
-            barred=barred,
             sign=sign_of(self.analysis.goal),
             far=departure.probability <= _CERTAIN and bool(self.spec.region.continuous),
             seed=batch_seed(self.spec.seed, len(done)),

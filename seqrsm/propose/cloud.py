@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -170,16 +171,34 @@ class Cloud:
         return [_root(covariance) for covariance in self.covariances]
 
 
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Runs before those that are chosen.
+
+    Attributes
+    ----------
+    settings : ndarray (r, k)
+        Coded, of scored and pending runs.
+    pending : ndarray (r,) of bool or int
+        0 of scored runs; of others the new block that they will be made in, 1 being that of the runs to come.
+    barred : ndarray (b, k), optional
+        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
+        leaves nothing.
+    """
+
+    settings: FloatArray
+    pending: BoolArray | IntArray
+    barred: FloatArray | None = None
+
+
 def propose_from_process(
     process: Process,
     region: Region,
     x_hat: FloatArray,
-    made: FloatArray,
-    pending: BoolArray | IntArray,
+    runs: Runs,
     n: int,
     *,
     weight: float = 1.0,
-    barred: FloatArray | None = None,
     sign: float = 1.0,
     far: bool = False,
     seed: int = 0,
@@ -197,15 +216,11 @@ def propose_from_process(
     region : Region
     x_hat : ndarray (k,)
         Recommended settings, coded.
-    made, pending : ndarray (r, k), (r,) of bool or int
-        Settings of scored and pending runs; 0 of scored ones, else the new block, 1 being that of the runs to come.
+    runs : Runs
     n : int
         Runs to propose, >= 0.
     weight : float
         Relative weight of a new run.
-    barred : ndarray (b, k), optional
-        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
-        leaves nothing.
     sign : float
         1 where the score is maximized, -1 where minimized.
     far : bool
@@ -213,6 +228,7 @@ def propose_from_process(
     seed : int
         Equal inputs and seed give equal proposals.
     """
+    made, pending = runs.settings, runs.pending
     waits, blocks = pending > 0, sorted({1, *pending.tolist()} - {0}, reverse=True)
     cloud, rng = cloud_of(process, region, x_hat, made[~waits], sign, seed, made[waits] if waits.any() else None)
     ahead = _Ahead(cloud.covariance, cloud.noise / weight, cloud.block, len(blocks))
@@ -222,7 +238,7 @@ def propose_from_process(
     draws = cloud.draws(_DRAWS_OF_EACH, rng)
     best = np.argmax(draws, axis=1)
     inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
-    allowed = clear_of(cloud.points, barred, region) & inside
+    allowed = clear_of(cloud.points, runs.barred, region) & inside
     allowed = allowed if allowed.any() else inside
     executed = cloud.executed.copy()
     found: list[Proposal] = []

@@ -18,7 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.process import Process
 from seqrsm.propose.batch import propose_batch
-from seqrsm.propose.cloud import propose_from_process
+from seqrsm.propose.cloud import Runs, propose_from_process
 from seqrsm.propose.known import Evidence, Sought
 
 
@@ -57,7 +57,7 @@ def main() -> None:
     process = look()
 
     def next_four() -> object:
-        return propose_from_process(process, Region(four), np.zeros(4), at, np.zeros(60, dtype=bool), 4)
+        return propose_from_process(process, Region(four), np.zeros(4), Runs(at, np.zeros(60, dtype=bool)), 4)
 
     rows = [
         ("1000 optima, ten L-BFGS-B starts each (baseline)", baseline),

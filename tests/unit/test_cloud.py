@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.process import Process
-from seqrsm.propose.cloud import Cloud, _Ahead, climb, propose_from_process
+from seqrsm.propose.cloud import Cloud, Runs, _Ahead, climb, propose_from_process
 
 BOX = Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(2)))
 TOP = np.array([0.3, 0.3])
@@ -25,10 +25,10 @@ def found() -> tuple[Process, np.ndarray]:
     return fitted(points, hill(points) + np.random.default_rng(1).normal(size=20)), points
 
 
-def proposed(process: Process, made: np.ndarray, n: int, pending: np.ndarray = NONE, **more) -> np.ndarray:
+def proposed(process: Process, made: np.ndarray, n: int, pending=NONE, barred=None, **more) -> np.ndarray:
     waits = np.arange(len(made) + len(pending)) >= len(made)
     settings = np.vstack([made, pending])
-    chosen = propose_from_process(process, BOX, TOP, settings, waits, n, **{"seed": 3} | more)
+    chosen = propose_from_process(process, BOX, TOP, Runs(settings, waits, barred), n, **{"seed": 3} | more)
     return np.array([one.point for one in chosen])
 
 
@@ -94,7 +94,7 @@ def test_gain_is_what_conditioning_takes_off(found) -> None:
     cloud = Cloud(process, BOX, TOP, made, 1.0, rng)
     assert cloud.noise == pytest.approx(np.mean((process.scatter * process.some(20).hyper.noise) ** 2))
     best = np.argmax(cloud.draws(12, rng), axis=1)
-    (one,) = propose_from_process(process, BOX, TOP, made, np.zeros(len(made), dtype=bool), 1, seed=3, weight=2.0)
+    (one,) = propose_from_process(process, BOX, TOP, Runs(made, np.zeros(len(made), dtype=bool)), 1, seed=3, weight=2.0)
     index = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
 
     def doubt(covariance: np.ndarray) -> tuple[float, float]:
@@ -174,7 +174,7 @@ def test_runs_are_settings_of_the_region(region: Region) -> None:
     y = hard_scores(made if region.k == 3 else np.column_stack([np.zeros(30), made])) + rng.normal(size=30)
     process = Process(QuadraticModel(region.factors), made, y, np.ones(30), rng)
     best = made[int(np.argmax(y))]
-    found = propose_from_process(process, region, best, made, np.zeros(30, dtype=bool), 8, seed=2)
+    found = propose_from_process(process, region, best, Runs(made, np.zeros(30, dtype=bool)), 8, seed=2)
     points = np.array([one.point for one in found])
     assert np.all(region.feasible(points))
     for settings in region.decode(points):
@@ -193,7 +193,7 @@ def test_runs_made_outside_the_region_are_not_repeated() -> None:
     process = fitted(made, bowl(made) + rng.normal(size=24))
     waits = np.arange(24) >= 20  # pending ones, too, from before the constraint
     best = np.array([0.1, 0.2])
-    points = np.array([one.point for one in propose_from_process(process, region, best, made, waits, 6)])
+    points = np.array([one.point for one in propose_from_process(process, region, best, Runs(made, waits), 6)])
     assert np.all(region.feasible(points))
 
 
@@ -201,7 +201,7 @@ def test_eight_factors() -> None:
     points = spread(60, 8)
     region = Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(8)))
     process = fitted(points, bowl(points) + np.random.default_rng(3).normal(size=60))
-    found = propose_from_process(process, region, np.full(8, 0.2), points, np.zeros(60, dtype=bool), 4)
+    found = propose_from_process(process, region, np.full(8, 0.2), Runs(points, np.zeros(60, dtype=bool)), 4)
     assert np.all(region.feasible(np.array([one.point for one in found])))
     assert all(np.isfinite(one.gain) and one.gain > 0.0 for one in found)
 
@@ -274,7 +274,9 @@ def test_one_run_in_four_lies_far_from_all_runs() -> None:
     points = points[np.any(points < 0.0, axis=1)][:32]  # none within (0, 1) x (0, 1)
     top = np.array([-0.4, -0.3])
     process = fitted(points, bowl(points - top) + rng.normal(size=len(points)))
-    found = propose_from_process(process, BOX, top, points, np.zeros(len(points), dtype=bool), 8, far=True, seed=3)
+    found = propose_from_process(
+        process, BOX, top, Runs(points, np.zeros(len(points), dtype=bool)), 8, far=True, seed=3
+    )
     assert [one.purpose == "spread" for one in found] == [False, False, False, True] * 2
     assert np.all(found[3].point > 0.0)
     assert "no run so far in the box of" in found[3].why
@@ -290,5 +292,5 @@ def test_levels_alone_have_no_box() -> None:
     points = region.sample(20, rng)
     y = points[:, 0] - np.square(points[:, 0]) + points[:, 1] + 0.3 * rng.normal(size=20)
     process = Process(QuadraticModel(region.factors), points, y, np.ones(20), rng)
-    found = propose_from_process(process, region, points[0], points, np.zeros(20, dtype=bool), 4)
+    found = propose_from_process(process, region, points[0], Runs(points, np.zeros(20, dtype=bool)), 4)
     assert {one.purpose for one in found} <= {"optimum", "regret"}

@@ -23,7 +23,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.process import Blocks
-from seqrsm.propose.cloud import Cloud, propose_from_process
+from seqrsm.propose.cloud import Cloud, Runs, propose_from_process
 from seqrsm.report.sections.check import check_sections
 from seqrsm.report.wording import no_error_estimate
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
@@ -170,7 +170,7 @@ def test_the_first_run_of_a_new_day_is_judged_by_its_scatter_and_the_days() -> N
     region, top, rng = Region(factors(2)), np.array([0.3, 0.3]), np.random.default_rng(3)
     cloud = Cloud(process, region, top, points, 1.0, rng)
     best = np.argmax(cloud.draws(12, rng), axis=1)
-    (one,) = propose_from_process(process, region, top, points, np.zeros(24, dtype=bool), 1, seed=3)
+    (one,) = propose_from_process(process, region, top, Runs(points, np.zeros(24, dtype=bool)), 1, seed=3)
     place = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
     row = cloud.covariance[place]
     noise, block = (float(np.mean(one)) for one in (process.some(20).noise_variance, process.some(20).block_variance))
@@ -213,7 +213,7 @@ def test_pending_flights_of_an_earlier_batch_are_of_a_day_of_their_own() -> None
     made, pending = np.vstack([points, [[0.5, -0.4]]]), np.arange(25) == 24
     found = {}
     for day in (1, 7):
-        (found[day],) = propose_from_process(process, region, top, made, day * pending, 1, seed=3)
+        (found[day],) = propose_from_process(process, region, top, Runs(made, day * pending), 1, seed=3)
     rng = np.random.default_rng(3)
     cloud = Cloud(process, region, top, points, 1.0, rng, made[pending])
     best = np.argmax(cloud.draws(12, rng), axis=1)
