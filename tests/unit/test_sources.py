@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import null_space
+from scipy.special import logsumexp
 
-from seqrsm.decide.sources import discrepancy_sd, fit_sources, source_prior, stacked_rows, to_flight
+from seqrsm.decide.sources import _RATIOS, discrepancy_sd, fit_sources, source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
@@ -164,3 +166,25 @@ def test_draws_carry_the_doubt_about_the_ratio_of_variances() -> None:
     # The ratio is not known from six flights: a plug-in ratio would make sigma far too certain.
     plug_in = found.posterior.draws(20_000, np.random.default_rng(1))[1] / np.sqrt(found.flight_weight)
     assert np.std(np.log(sigma)) > 1.5 * np.std(np.log(plug_in))
+
+
+def test_evidence_for_one_prior_over_another_is_that_of_the_scores_free_of_the_surface() -> None:
+    """Restricted likelihood (Patterson & Thompson 1971, Biometrika 58, 545-554): of contrasts that no surface moves."""
+    X, y, flight = campaign(22, 8, 3)
+
+    def log_evidence(found, sd: float) -> float:
+        Z = MODEL.matrix(X)
+        free, of_difference = null_space(Z.T), Z * flight[:, None]
+        prior = np.diag(np.square(discrepancy_sd(MODEL, sd) / found.s_simulation))
+        contrasts, logs = free.T @ y, []
+        for ratio in _RATIOS:
+            S = free.T @ (np.diag(np.where(flight, 1.0 / ratio, 1.0)) + of_difference @ prior @ of_difference.T) @ free
+            left = contrasts @ np.linalg.solve(S, contrasts)
+            guess = np.log(ratio / 0.5) - 2.0 * np.log1p(ratio / 0.5)
+            logs.append(guess - 0.5 * np.linalg.slogdet(S)[1] - 0.5 * len(contrasts) * np.log(left))
+        return float(logsumexp(logs))
+
+    narrow, wide = (fit_sources(MODEL, X, y, flight, prior_sd=sd, ratio=0.5) for sd in (0.3, 4.0))
+    expected = log_evidence(wide, 4.0) - log_evidence(narrow, 0.3)
+    assert abs(expected) > 0.5
+    assert wide.log_evidence - narrow.log_evidence == pytest.approx(expected, abs=1e-5)
