@@ -23,8 +23,9 @@ _COVER = 1000
 RADII = (0.15, 0.06, 0.025, 0.01)
 _TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
 _ANYWHERE, _FAR, _AGAIN = 40, 20, 40
-_FAR_EVERY, _FAR_ENOUGH = 4, 0.8
-"""A run is far from all others where the box without a run around it is at least this share of the largest."""
+_FAR_EVERY, _FAR_ENOUGH, _LARGE_BOX = 4, 0.8, 0.4
+"""A run is far from all others where the box without a run around it is at least a share of the largest, while that has
+a side of this share of each factor's range."""
 _DRAWS_OF_EACH = 12
 _ASIDE = 50
 """For each factor, peaks moved aside along two factors or so, where optima of draws are sought too: random places alone
@@ -224,7 +225,7 @@ def propose_from_process(
     sign : float
         1 where the score is maximized, -1 where minimized.
     far : bool
-        Choose one run in four among the places that are farthest from all runs.
+        Choose one run in four among the places that are farthest from all runs, while there are large boxes without.
     seed : int
         Equal inputs and seed give equal proposals.
     """
@@ -248,10 +249,13 @@ def propose_from_process(
         at_hat = covariance[cloud.hat]
         value = np.square(cross[cloud.hat]) / total
         loss = np.mean(np.square(cross[best] - cross[cloud.hat]), axis=0) / total
-        spread, among, half = far and (len(made) + i + 1) % _FAR_EVERY == 0, allowed, np.zeros(len(allowed))
-        if spread:
+        among, box, half = allowed, 0.0, np.zeros(len(allowed))
+        if far and (len(made) + i + 1) % _FAR_EVERY == 0:
             half = half_sides(region, np.vstack([made, *(one.point[None, :] for one in found)]), cloud.points)
-            among = allowed & (half >= _FAR_ENOUGH * half[allowed].max())
+            box = float(half[allowed].max())
+        spread = box >= _LARGE_BOX
+        if spread:
+            among = allowed & (half >= _FAR_ENOUGH * box)
         chosen = first_of_largest(np.where(among, value + loss, -np.inf))
         of_loss = np.mean(np.diag(covariance)[best] - 2.0 * at_hat[best] + at_hat[cloud.hat])
         narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
@@ -264,8 +268,8 @@ def propose_from_process(
         purpose = "regret" if loss[chosen] > value[chosen] else "optimum"
         if spread:
             purpose = "spread"
-            box = percent(float(half[chosen]))
-            why = f"no run so far in the box of {box} of each continuous factor's range around it; {why}"
+            side = percent(float(half[chosen]))
+            why = f"no run so far in the box of {side} of each continuous factor's range around it; {why}"
         found.append(
             Proposal(
                 cloud.points[chosen].copy(),

@@ -277,13 +277,17 @@ def test_one_run_in_four_lies_far_from_all_runs() -> None:
     found = propose_from_process(
         process, BOX, top, Runs(points, np.zeros(len(points), dtype=bool)), 8, far=True, seed=3
     )
-    assert [one.purpose == "spread" for one in found] == [False, False, False, True] * 2
+    assert [one.purpose == "spread" for one in found] == [False, False, False, True] + 4 * [
+        False
+    ]  # no large box is left
     assert np.all(found[3].point > 0.0)
     assert "no run so far in the box of" in found[3].why
     share = 1.0 - np.max(np.abs(found[3].point))
     nearest = np.min(np.max(np.abs(points - found[3].point), axis=1))
     assert f"box of {100.0 * min(share, nearest):.2g} %" in found[3].why
     assert np.mean(np.linalg.norm([one.point - top for one in found if one.purpose != "spread"], axis=1) < 0.8) > 0.5
+    (one,) = propose_from_process(process, BOX, top, Runs(points[:31], np.zeros(31, dtype=bool)), 1, seed=3)
+    assert one.purpose != "spread"  # not asked for
 
 
 def test_levels_alone_have_no_box() -> None:
