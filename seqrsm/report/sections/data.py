@@ -82,6 +82,14 @@ def _stop_text(dossier: Dossier) -> str:
     )
 
 
+_SERVES = {
+    "optimum": ": mean at the optimum",
+    "regret": ": place of the optimum",
+    "spread": ": far from other runs",
+    "repeat": ": pure error",
+}
+
+
 def _data_blocks(dossier: Dossier) -> list[Block]:
     """How the data came: runs by state, source and purpose."""
     runs = dossier.runs
@@ -93,7 +101,7 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
     if len({run.source for run in scored}) > 1:
         text += f" Sources: {source_counts(scored)}."
     purposes = Counter(run.purpose or "not stated" for run in runs)
-    whys = listing([f"{readable(purpose)} ({count})" for purpose, count in purposes.items()])
+    whys = listing([f"{readable(of)}{_SERVES.get(of, '')} ({count})" for of, count in purposes.items()])
     blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}. The report's last table lists them all.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
