@@ -9,8 +9,8 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.design.region import Region
+from seqrsm.propose.candidates import half_sides
 from seqrsm.propose.cloud import climb
-from seqrsm.propose.gap import half_sides
 
 _SPREAD = 4000  # places at first
 _RADII = (0.3 * 0.7 ** np.arange(14)).tolist()  # coded, of the steps from the best of them
