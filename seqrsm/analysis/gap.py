@@ -9,7 +9,6 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.design.region import Region
-from seqrsm.propose.candidates import half_sides
 from seqrsm.propose.cloud import climb
 
 _SPREAD = 4000  # places at first
@@ -51,7 +50,7 @@ def largest_gap(region: Region, points: FloatArray) -> Gap | None:
     numeric, rng = list(region.numeric), np.random.default_rng(0)
 
     def halves(at: FloatArray) -> FloatArray:
-        return half_sides(region, points, at)
+        return region.half_sides(at, points)
 
     centre = climb(halves, region, region.sample(_SPREAD, rng), rng, radii=_RADII)[0]
     half = float(halves(centre[None, :])[0])

@@ -259,6 +259,25 @@ class Region(OfFactors):
         moved[:, free] = np.clip(np.round(points[:, free] + step, 3), -1.0, 1.0)
         return moved
 
+    def half_sides(self, at: FloatArray, runs: FloatArray) -> FloatArray:
+        """Half the side of the largest box about each place that has no run in it and lies within the ranges.
+
+        Parameters
+        ----------
+        at, runs : ndarray (n, k), (r, k)
+            Coded settings.
+
+        Returns
+        -------
+        ndarray (n,)
+            Coded, 0 to 1; 0 at a run, whatever its level of the categorical factors. Below 0 outside the ranges.
+        """
+        numeric = list(self.numeric)
+        found: FloatArray = 1.0 - np.max(np.abs(at[:, list(self.continuous)]), axis=1, initial=0.0)
+        for run in np.unique(runs[:, numeric], axis=0):
+            np.minimum(found, np.max(np.abs(at[:, numeric] - run), axis=1, initial=0.0), out=found)
+        return found
+
     def at_other_levels(self, points: FloatArray) -> FloatArray:
         """Points (n, k) with one discrete or categorical factor moved, to each of its levels; constraints apart."""
         found = [points[:0]]

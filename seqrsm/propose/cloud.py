@@ -13,7 +13,7 @@ from seqrsm.arrays import BoolArray, FloatArray, IntArray, first_of_largest
 from seqrsm.design.region import Region
 from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
-from seqrsm.propose.candidates import clear_of, half_sides
+from seqrsm.propose.candidates import clear_of
 from seqrsm.propose.criteria import Proposal
 from seqrsm.propose.known import percent
 from seqrsm.remember import recalled
@@ -138,7 +138,7 @@ class Cloud:
         peak = climb(lambda at: sign * process.mean(at), region, cover, rng, heights)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         runs = made if pending is None else np.vstack([made, pending])
-        far = cover[np.argsort(-half_sides(region, runs, cover), kind="stable")[:_FAR]]
+        far = cover[np.argsort(-region.half_sides(cover, runs), kind="stable")[:_FAR]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere, far])
         others = region.sample(_ASIDE * region.k, rng)
         moved = rng.random(others.shape) < 2.0 / region.k
@@ -250,7 +250,7 @@ def propose_from_process(
         loss = np.mean(np.square(cross[best] - cross[cloud.hat]), axis=0) / total
         among, box, half = allowed, 0.0, np.zeros(len(allowed))
         if far and (len(made) + i + 1) % _FAR_EVERY == 0:
-            half = half_sides(region, np.vstack([made, *(one.point[None, :] for one in found)]), cloud.points)
+            half = region.half_sides(cloud.points, np.vstack([made, *(one.point[None, :] for one in found)]))
             box = float(half[allowed].max())
         spread = box >= _LARGE_BOX
         if spread:
