@@ -21,6 +21,7 @@ from peers_study import FIELDS, Row, campaign, numbers, seeds_of, share_text, ta
 
 from seqrsm import remember
 from seqrsm.analysis import belief, conclude
+from seqrsm.campaign import next_runs
 from seqrsm.design import optimal
 from seqrsm.fit import process
 
@@ -51,6 +52,7 @@ PARTS: dict[str, tuple[str, Callable[[], Sequence[object]]]] = {
     ),
     "bends": ("straight axes", lambda: [patch.object(process, "_BEND", (0.0, 1e-3))]),
     "tail": ("no longer tail of the prior of lengths", lambda: [patch.object(process, "_TAIL", 0.0)]),
+    "far": ("no runs where none was near", lambda: [patch.object(next_runs, "_CERTAIN", -1.0)]),
     "inside": ("the initial design at the ends and the middle alone", lambda: [patch.object(optimal, "_INNER", 0.0)]),
     "correction": ("no correction for selection bias", lambda: [patch.object(conclude, "optimism", lambda *_: 0.0)]),
 }
