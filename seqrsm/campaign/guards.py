@@ -37,6 +37,8 @@ _LEAST_SPREAD = 0.02
 
 _DAY = re.compile(r"(\d{1,4})([-/.])(\d{1,2})\2(\d{2,4})(?:[T ][0:.]+)?")
 """A day as spreadsheets write it: 2026-02-03, 03.02.2026, 2/3/26."""
+_DIGITS = re.compile(r"(\d{4})(\d{2})(\d{2})")
+"""A day as files are named by it: 20260203."""
 _IDLE = re.compile(r"[\s_]|(?<![\d.])0+(?=\d)|(?<=\d)\.0+(?![\d.])")
 """What may differ in a name: blanks, and the zeros of 07 and 7.0."""
 
@@ -250,7 +252,7 @@ def is_moved(spec: CampaignSpec, score: MeasuredScore, run: RunRecord) -> bool:
 
 def _alike(one: str, other: str) -> bool:
     """Whether texts differ at most in case, blanks, or the notation of a day; of 3.2. and 2.3. neither is the other."""
-    days = [_DAY.fullmatch(text.strip()) for text in (one, other)]
+    days = [_DAY.fullmatch(_DIGITS.sub(r"\1-\2-\3", text.strip())) for text in (one, other)]
     if not (days[0] and days[1]):
         return _IDLE.sub("", one.casefold()) == _IDLE.sub("", other.casefold())
     numbers = [[int(day[k]) % 2000 for k in (1, 3, 4)] for day in days if day]

@@ -600,7 +600,7 @@ def test_the_score_of_a_void_run_comes_back_only_on_demand(make):
     assert "2 new runs" in folder.ingest(form_rows({1: 70, 2: 72}), "--accept", name="w2.csv")
 
 
-@pytest.mark.parametrize("day", ["03.02.2026", "3.2.26", "2/3/2026", "2026-02-03 00:00:00"])
+@pytest.mark.parametrize("day", ["03.02.2026", "3.2.26", "2/3/2026", "2026-02-03 00:00:00", "20260203"])
 def test_a_day_in_another_notation_makes_no_repeat(make, day):
     """A spreadsheet that saves a file again writes its days as it likes."""
     folder = make()
