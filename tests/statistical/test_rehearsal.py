@@ -103,12 +103,12 @@ def test_batches_of_random_days_are_rehearsed_by_days(
         return made[-1]
 
     monkeypatch.setattr(rehearsal, "make_campaign", kept)
-    found, _ = rehearsed(spec, analysis, 2)
+    found, _ = rehearsed(spec, analysis, 3)
     assert "Each rehearsed batch is a block of its own." in found["notes"]
+    # Four days of one campaign may be alike by chance.
+    assert np.median([last.fitted.surface.posterior.sigma_day for last, _ in made]) > 0.5 * SIGMA
     for last, runs in made:
-        surface = last.fitted.surface
-        assert not surface.fixed_blocks
-        assert surface.posterior.sigma_day > 0.5 * SIGMA
+        assert not last.fitted.surface.fixed_blocks
         assert [run.block for run in runs] == [f"day {run.batch}" for run in runs]
 
 
