@@ -131,10 +131,17 @@ def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
         ) from None
 
 
-def n_determined(model: QuadraticModel, points: FloatArray) -> int:
-    """Number of runs at coded ``points`` (n, k), or of the terms that they determine, if that is not all."""
-    rank = int(np.linalg.matrix_rank(model.matrix(points))) if len(points) else 0
-    return len(points) if rank == model.p else rank
+def n_determined(model: QuadraticModel, points: FloatArray, blocks: FloatArray | None = None) -> int:
+    """Number of runs at coded ``points`` (n, k), or of the model's terms that they determine, if that is not all.
+
+    Where columns of ``blocks`` (n, b) stand beside the terms, all must be determined together.
+    """
+    if not len(points):
+        return 0
+    Z = model.matrix(points)
+    all_columns = Z if blocks is None else np.hstack([Z, blocks])
+    determined = np.linalg.matrix_rank(all_columns) == all_columns.shape[1]
+    return len(points) if determined else int(np.linalg.matrix_rank(Z))
 
 
 def _mean_of(values: Sequence[float | None]) -> float:

@@ -64,13 +64,9 @@ def silent(*_: object) -> None:
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
     """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
-    model, found = QuadraticModel(spec.factors, spec.model.order), []
-    for one in spec.applications:
-        data = scored_runs(spec.region, runs, one.name)
-        n, (blocks, _) = n_determined(model, data.points), block_columns(block_labels(spec, data))
-        rank = int(np.linalg.matrix_rank(np.hstack([model.matrix(data.points), blocks]))) if n > model.p else n
-        found.append(min(rank, model.p) if rank < model.p + blocks.shape[1] else n)
-    return min(found)
+    model = QuadraticModel(spec.factors, spec.model.order)
+    scored = (scored_runs(spec.region, runs, one.name) for one in spec.applications)
+    return min(n_determined(model, data.points, block_columns(block_labels(spec, data))[0]) for data in scored)
 
 
 class Campaign:

@@ -37,7 +37,7 @@ _LEAST_SPREAD = 0.02
 
 _DAY = re.compile(r"(\d{1,4})([-/.])(\d{1,2})\2(\d{2,4})(?:[T ][0:.]+)?")
 """A day as spreadsheets write it: 2026-02-03, 03.02.2026, 2/3/26."""
-_DIGITS = re.compile(r"(\d{4})(\d{2})(\d{2})")
+_DIGITS = re.compile(r"(?<!\d)(\d{4})(\d{2})(\d{2})(?!\d)")
 """A day as files are named by it: 20260203."""
 _IDLE = re.compile(r"[\s_]|(?<![\d.])0+(?=\d)|(?<=\d)\.0+(?![\d.])")
 """What may differ in a name: blanks, and the zeros of 07 and 7.0."""

@@ -22,7 +22,7 @@ from seqrsm.errors import SpecError
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, propose_batch
 from seqrsm.propose.candidates import Source
-from seqrsm.propose.cloud import Runs, propose_from_process
+from seqrsm.propose.cloud import Runs, new_blocks, propose_from_process
 from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
@@ -77,8 +77,9 @@ def start_batch(
 
     n = start_size(model, spec)
     fixed = coded_settings(spec.region, made)
-    blocked = n_determined(model, fixed) > model.p
-    least = len(made) + (max(of_day, 2) if blocked else max(1, model.p - n_determined(model, fixed)))
+    determined = n_determined(model, fixed)
+    blocked = determined > model.p
+    least = len(made) + (max(of_day, 2) if blocked else max(1, model.p - determined))
     if failed:
         centre = spec.region.centre()
         proposals = propose_batch(
@@ -195,7 +196,7 @@ class _Chooser:
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
             n_days = columns.shape[1]
-            ahead = n_days if random else len({1, *(run.day for run in done)} - {0})
+            ahead = n_days if random else len(new_blocks(run.day for run in done))
             rows = lambda at: np.hstack([of_model(at), np.tile(np.eye(n_days)[-1], (len(at), 1))])  # noqa: E731
             precision = _with_days(precision, Z.shape[1] + n_days, ahead, of_day)
         weights, weight = self.weights(points), float(self.weights(self.target[None, :])[0])
@@ -262,7 +263,7 @@ def _day_columns(used: Sequence[_Made], random: bool) -> FloatArray:
     blocks = np.array([run.block for run in used])[~pending]
     known = blocks[:, None] == np.unique(blocks)
     flown = known.astype(np.float64) if random else blocks_within(blocks.tolist(), flights[~pending])
-    ahead = sorted({1, *day.tolist()} - {0}, reverse=True)
+    ahead = new_blocks(day.tolist())
     columns = np.zeros((len(used), flown.shape[1] + len(ahead)))
     columns[~pending, : flown.shape[1]] = flown
     columns[pending, flown.shape[1] :] = day[pending, None] == ahead

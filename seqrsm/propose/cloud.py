@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,8 +23,8 @@ RADII = (0.15, 0.06, 0.025, 0.01)
 _TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
 _ANYWHERE, _FAR, _AGAIN = 40, 20, 40
 _FAR_EVERY, _FAR_ENOUGH, _LARGE_BOX = 4, 0.8, 0.4
-"""A run is far from all others where the box without a run around it is at least a share of the largest, while that has
-a side of this share of each factor's range."""
+"""Where runs far from all others are asked for, every fourth is: the box without a run around it is at least a share of
+the largest, while that has a side of this share of each factor's range."""
 _DRAWS_OF_EACH = 12
 _ASIDE = 50
 """For each factor, peaks moved aside along two factors or so, where optima of draws are sought too: random places alone
@@ -191,6 +191,11 @@ class Runs:
     barred: FloatArray | None = None
 
 
+def new_blocks(pending: Iterable[int]) -> list[int]:
+    """Numbers of the new blocks, by `Runs.pending`; the last is 1, that of the runs to come."""
+    return sorted({1, *pending} - {0}, reverse=True)
+
+
 def propose_from_process(
     process: Process,
     region: Region,
@@ -229,7 +234,7 @@ def propose_from_process(
         Equal inputs and seed give equal proposals.
     """
     made, pending = runs.settings, runs.pending
-    waits, blocks = pending > 0, sorted({1, *pending.tolist()} - {0}, reverse=True)
+    waits, blocks = pending > 0, new_blocks(pending.tolist())
     cloud, rng = cloud_of(process, region, x_hat, made[~waits], sign, seed, made[waits] if waits.any() else None)
     ahead = _Ahead(cloud.covariance, cloud.noise / weight, cloud.block, len(blocks))
     for point, block in zip(made[waits], pending[waits], strict=True):

@@ -11,14 +11,15 @@ import pytest
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import fit_surface
 from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, prior_of_difference, ranked_values
-from seqrsm.analysis.runs import response_scale, scored_runs
+from seqrsm.analysis.runs import ResponseScale, ScoredRuns, response_scale, scored_runs
 from seqrsm.analysis.surfaces import TwoSources, expected_of_flights, surface_of
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.next_runs import _Chooser
 from seqrsm.campaign.rehearsal import make_campaign, scored_run
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.spec.read import load_spec
+from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.records import NewRun, NewScore
 
 CAMPAIGN = """\
@@ -149,6 +150,23 @@ def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
     assert np.sqrt(np.mean(np.square(difference))) == pytest.approx(5.0, rel=0.02)
 
 
+def of_both(
+    spec: CampaignSpec, points: FloatArray, flights: BoolArray, scores: FloatArray, ground: Ground
+) -> tuple[QuadraticModel, ScoredRuns, ResponseScale, TwoSources]:
+    """Model, runs and scale of flights beside simulations, and the surface of the flights."""
+    runs = [
+        scored_run(i + 1, 1, NewRun(settings, "", "", "flight" if flight else "simulation"), NewScore("a", score))
+        for i, (settings, flight, score) in enumerate(
+            zip(spec.region.decode(points), flights, scores.tolist(), strict=True)
+        )
+    ]
+    data = scored_runs(spec.region, runs, "a")
+    model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
+    found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
+    assert isinstance(found, TwoSources)
+    return model, data, scale, found
+
+
 def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path: Path) -> None:
     """Six flights over one ground, 40 simulations over grounds of their own: the scatter of flights is not theirs."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
@@ -160,16 +178,7 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
         flights = np.arange(46) >= 40
         of_ground = np.where(flights, sd_ground * rng.standard_normal(), sd_ground * rng.standard_normal(46))
         scores = 60.0 - 5.0 * points[:, 0] ** 2 + of_ground + sd_chance * rng.standard_normal(46)
-        runs = [
-            scored_run(i + 1, 1, NewRun(settings, "", "", "flight" if flight else "simulation"), NewScore("a", score))
-            for i, (settings, flight, score) in enumerate(
-                zip(spec.region.decode(points), flights, scores.tolist(), strict=True)
-            )
-        ]
-        data = scored_runs(spec.region, runs, "a")
-        model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
-        found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
-        assert isinstance(found, TwoSources)
+        model, data, scale, found = of_both(spec, points, flights, scores, ground)
         of_process, _ = found.for_process()
         assert of_process is not None
         assert of_process.ratio == 1.0 / (1.0 - ground.share)
@@ -194,16 +203,7 @@ def test_flights_beyond_what_the_tables_allow_are_not_taken_for_noise(tmp_path: 
         points = rng.uniform(-1.0, 1.0, (44, 1))
         flights = np.arange(44) >= 40
         scores = 95.0 - 40.0 * points[:, 0] ** 2 + rng.standard_normal(44) + off * flights
-        runs = [
-            scored_run(i + 1, 1, NewRun(settings, "", "", "flight" if flight else "simulation"), NewScore("a", score))
-            for i, (settings, flight, score) in enumerate(
-                zip(spec.region.decode(points), flights, scores.tolist(), strict=True)
-            )
-        ]
-        data = scored_runs(spec.region, runs, "a")
-        model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
-        found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
-        assert isinstance(found, TwoSources)
+        model, data, _, found = of_both(spec, points, flights, scores, ground)
         row = model.matrix(np.mean(points[flights], axis=0)[None, :])
         _, low, high = found.both.discrepancy(row[0])
         held.append(low <= off <= high)

@@ -37,6 +37,14 @@ _SAME = ("Batch", "State", "Source", "Purpose", "In the fit", "Block")
 MOST_RUNS = 2000
 """Rows of the table of runs; more would be hundreds of pages that nobody turns."""
 
+_SERVES = {
+    "optimum": ": mean at the optimum",
+    "regret": ": place of the optimum",
+    "spread": ": far from other runs",
+    "repeat": ": pure error",
+}
+"""What a purpose of proposed runs stands for."""
+
 
 def question_section(dossier: Dossier) -> Section:
     """Return question and region: applications, factors, constraints, stop rule."""
@@ -80,14 +88,6 @@ def _stop_text(dossier: Dossier) -> str:
         "is considered, pure error must be estimable and lack of fit not significant (at "
         f"{level_text(stop.lack_of_fit_alpha)}). Budget: {stop.max_runs} runs."
     )
-
-
-_SERVES = {
-    "optimum": ": mean at the optimum",
-    "regret": ": place of the optimum",
-    "spread": ": far from other runs",
-    "repeat": ": pure error",
-}
 
 
 def _data_blocks(dossier: Dossier) -> list[Block]:
