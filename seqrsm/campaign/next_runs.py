@@ -171,7 +171,7 @@ class _Chooser:
             n,
             weight=float(self.weights(self.target[None, :])[0]),
             sign=sign_of(self.analysis.goal),
-            far=departure.probability <= _CERTAIN and bool(self.spec.region.continuous),
+            far=departure.probability <= _CERTAIN,
             seed=batch_seed(self.spec.seed, len(done)),
         )
 

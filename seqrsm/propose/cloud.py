@@ -229,7 +229,8 @@ def propose_from_process(
     sign : float
         1 where the score is maximized, -1 where minimized.
     far : bool
-        Choose one run in four among the places that are farthest from all runs, while there are large boxes without.
+        Choose one run in four among the places that are farthest from all runs, while there are large boxes without;
+        none where there are levels alone.
     seed : int
         Equal inputs and seed give equal proposals.
     """
@@ -254,7 +255,7 @@ def propose_from_process(
         value = np.square(cross[cloud.hat]) / total
         loss = np.mean(np.square(cross[best] - cross[cloud.hat]), axis=0) / total
         among, box, half = allowed, 0.0, np.zeros(len(allowed))
-        if far and (len(made) + i + 1) % _FAR_EVERY == 0:
+        if far and region.continuous and (len(made) + i + 1) % _FAR_EVERY == 0:
             half = region.half_sides(cloud.points, np.vstack([made, *(one.point[None, :] for one in found)]))
             box = float(half[allowed].max())
         spread = box >= _LARGE_BOX

@@ -640,6 +640,8 @@ def test_a_word_for_no_day_is_no_day(make, word):
         ("1", "1.05", False),
         ("15", "1.5", False),
         ("100", "10", False),
+        ("202602030", "2026-02-030", False),
+        ("20260203", "2026-02-03", True),
         ("a.0", "a.1", False),
     ],
 )

@@ -290,11 +290,28 @@ def test_one_run_in_four_lies_far_from_all_runs() -> None:
     assert one.purpose != "spread"  # not asked for
 
 
+def test_places_farthest_from_all_runs_are_in_the_cloud() -> None:
+    """Those beside a pending run are not."""
+    rng = np.random.default_rng(5)
+    points = np.round(rng.uniform(-1.0, 1.0, (60, 2)), 3)
+    points = points[np.any(points < 0.0, axis=1)][:32]
+    middle, top = np.array([[0.5, 0.5]]), np.array([-0.4, -0.3])
+    process = fitted(points, bowl(points - top) + rng.normal(size=len(points)))
+
+    def beside(pending: np.ndarray | None) -> int:
+        cloud = Cloud(process, BOX, top, points, 1.0, np.random.default_rng(3), pending)
+        return int(np.sum(np.max(np.abs(cloud.points - middle), axis=1) < 0.2))
+
+    assert beside(None) >= 20
+    assert beside(middle) < 15
+
+
 def test_levels_alone_have_no_box() -> None:
     region = Region((DiscreteFactor("looks", (1.0, 2.0, 3.0, 4.0, 5.0)), CategoricalFactor("bands", ("L", "C", "X"))))
     rng = np.random.default_rng(6)
-    points = region.sample(20, rng)
-    y = points[:, 0] - np.square(points[:, 0]) + points[:, 1] + 0.3 * rng.normal(size=20)
-    process = Process(QuadraticModel(region.factors), points, y, np.ones(20), rng)
-    found = propose_from_process(process, region, points[0], Runs(points, np.zeros(20, dtype=bool)), 4)
-    assert {one.purpose for one in found} <= {"optimum", "regret"}
+    points = region.sample(60, rng)
+    points = points[points[:, 0] < 0.5][:19]  # none of the two highest levels
+    y = points[:, 0] - np.square(points[:, 0]) + points[:, 1] + 0.3 * rng.normal(size=19)
+    process = Process(QuadraticModel(region.factors), points, y, np.ones(19), rng)
+    (one,) = propose_from_process(process, region, points[0], Runs(points, np.zeros(19, dtype=bool)), 1, far=True)
+    assert one.purpose in ("optimum", "regret")
