@@ -133,6 +133,19 @@ def test_what_members_of_a_set_have_of_their_own_is_held_fixed_too(flight):
     )
 
 
+def test_purposes_of_runs_are_explained(flight):
+    purposes = ("start", "optimum", "regret", "spread", "repeat")
+    runs = tuple(
+        dataclasses.replace(run, purpose=purpose) for run, purpose in zip(flight.runs[:5], purposes, strict=True)
+    )
+    words = [getattr(block, "text", "") for block in question_section(dataclasses.replace(flight, runs=runs)).blocks]
+    assert any(
+        "Purposes: start (1), optimum: mean at the optimum (1), regret: place of the optimum (1), "
+        "spread: far from other runs (1) and repeat: pure error (1)." in text.replace("\u00a0", " ")
+        for text in words
+    )
+
+
 def test_the_formula_of_a_consideration_is_told(flight):
     price = ConsiderationSpec(name="price", expr="100 / looks", unit="kEUR", weight=2.0)
     section = question_section(

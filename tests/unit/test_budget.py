@@ -46,6 +46,20 @@ def test_many_runs_leave_the_scatter_of_one() -> None:
     assert floor * 0.97 < plans[0].half_width < floor * 1.03
 
 
+def test_constants_of_days_cost_degrees_of_freedom_and_ask_for_runs() -> None:
+    """The same scores with eight constants beside six terms: wider by Student's t alone."""
+    known, rule = random_surfaces(REGION, 2.0, 6.0, "", 1), StopRule(half_width=1.0, max_runs=20)
+    without, beside = (
+        Budget(REGION, 2, "maximize", rule, known, REGION.centre(), 1, constants).by_runs([20, 14], 2, (0, 1))
+        for constants in (0, 8)
+    )
+    wider = student.ppf(0.975, 20 - 6 - 8) / student.ppf(0.975, 20 - 6)
+    assert beside[0].half_width == pytest.approx(wider * without[0].half_width)
+    assert beside[0].asked - without[0].asked == 8 * (rule.min_runs(2) - rule.min_runs(1))
+    assert np.isnan(beside[1].half_width)  # 14 runs for 14 columns
+    assert np.isfinite(without[1].half_width)
+
+
 def test_surfaces_of_logits_stay_below_100_percent_and_tell_their_scatter_there() -> None:
     """Drawn as on the score scale half of them were above 100 percent somewhere; scores scatter alike in percent."""
     known = random_surfaces(REGION, 0.5, 6.0, "", 1, level=93.0)

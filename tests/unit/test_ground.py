@@ -16,7 +16,7 @@ from seqrsm.analysis.surfaces import TwoSources, expected_of_flights, surface_of
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.next_runs import _Chooser
 from seqrsm.campaign.rehearsal import make_campaign, scored_run
-from seqrsm.decide.sources import discrepancy_sd
+from seqrsm.decide.sources import discrepancy_sd, fit_sources, guessed_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.spec.read import CampaignSpec, load_spec
@@ -278,3 +278,23 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
     total, of_chance = ground**2 + chance**2, 0.8 * chance**2
     error = np.hypot(total / np.sqrt(37.0), of_chance / np.sqrt(16.0)) / np.sqrt(2.0)
     assert np.std(np.log(widths)) == pytest.approx(error / (total - of_chance), abs=0.02)
+
+
+def test_the_tables_prior_is_left_at_odds_of_twenty_to_one(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
+    spec, ground = load_spec(tmp_path), Ground(0.4, 0.6, 16, 32, 0.3)
+    rng = np.random.default_rng(1)
+    points, flights = rng.uniform(-1.0, 1.0, (44, 1)), np.arange(44) >= 40
+    scores, odds = 95.0 - 40.0 * points[:, 0] ** 2 + rng.standard_normal(44), []
+    for off in np.linspace(0.0, -8.0, 33):
+        model, data, scale, found = of_both(spec, points, flights, scores + off * flights, ground)
+        narrow, ratio = expected_of_flights(spec, model, data, scale, ground)
+        given = (model, data.points, scale.values, flights)
+        tables, guess = (
+            fit_sources(*given, weights=scale.weights, prior_sd=sd, ratio=ratio).log_evidence
+            for sd in (narrow, guessed_sd(scale.values))
+        )
+        odds.append(np.exp(guess - tables))
+        assert (found.both.prior_sd > narrow) == (odds[-1] > 20.0)
+    assert any(1.0 < one < 20.0 for one in odds)
+    assert any(20.0 < one < 400.0 for one in odds)
