@@ -264,6 +264,7 @@ def _decision(
         lead=(estimate.mean - fitted.data.guess) * sign_of(application.goal),
         lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
         weighed=fitted.departure.process is not None,
+        departed=fitted.departure.likelier,
         saturated=fitted.region.has_at_most(fitted.model.p),
     )
     return decide(rule, look, agreement, application.score_unit)

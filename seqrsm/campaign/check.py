@@ -67,8 +67,8 @@ class CheckResult:
     n_factors, n_terms, start_runs, min_runs, max_runs : int
         Size of the model, of the start design, the fewest runs the stop rule asks for on the flight days so far, and
         the budget.
-    runs_per_day : int
-        Runs that it asks for beyond these for each further flight day, where days are constants; else 0.
+    further_days : int or None
+        Flight days to come for whose constants the budget is enough; None where days are no constants.
     seconds_per_run : float
         Measured on this machine [s]; nan without a simulator.
     noise : float
@@ -102,7 +102,7 @@ class CheckResult:
     n_terms: int
     start_runs: int
     min_runs: int
-    runs_per_day: int
+    further_days: int | None
     max_runs: int
     seconds_per_run: float
     noise: float
@@ -164,6 +164,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     unit = application.score_unit
     terms = model.p if analysis is None else analysis.fitted.surface.n_terms
     constants = spec.model.block is not None and spec.model.block_effect == "fixed" and spec.own_source == "flight"
+    departed = analysis is not None and analysis.fitted.departure.likelier
+    asked = [rule.min_runs(terms + days, departed) for days in range(1 + rule.max_runs)]
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed, terms - model.p)
     problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, terms, unit)
@@ -188,8 +190,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         n_factors=spec.region.k,
         n_terms=model.p,
         start_runs=start,
-        min_runs=rule.min_runs(terms),
-        runs_per_day=constants * (rule.min_runs(terms + 1) - rule.min_runs(terms)),
+        min_runs=asked[0],
+        further_days=sum(n <= rule.max_runs for n in asked[1:]) if constants else None,
         max_runs=rule.max_runs,
         seconds_per_run=seconds,
         noise=noise,

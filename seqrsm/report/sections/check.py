@@ -18,11 +18,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
     least = str(result.min_runs)
-    if result.runs_per_day:
-        days = max(result.max_runs - result.min_runs, 0) // result.runs_per_day
-        least += (
-            f", and {result.runs_per_day} more for each further flight day; the budget is enough for {days} of these"
-        )
+    if result.further_days is not None:
+        least += f", and more for each further flight day; the budget is enough for {result.further_days} of these"
     items = [
         ("factors", str(result.n_factors)),
         ("model terms", str(result.n_terms)),

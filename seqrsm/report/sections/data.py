@@ -79,7 +79,7 @@ def _stop_text(dossier: Dossier) -> str:
     several = listing([f"{target} for {name}" for name, target in targets.items()])
     target = several if len(set(targets.values())) > 1 else next(iter(targets.values()))
     guards = {
-        "runs": "a minimum number of runs per term",
+        "runs": "a minimum number of runs for the terms of the model",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
     }
     return (
