@@ -35,6 +35,9 @@ from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
+LOOK_DRAWS = 1000
+"""Posterior draws of a look; by these an expected loss is held against its limit, so that all looks say the same."""
+
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
 
@@ -44,6 +47,7 @@ def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
     return StopRule(
         interval=stop.interval,
         half_width=stop.half_width,
+        loss=math.inf if stop.loss is None else stop.loss,
         level=stop.level,
         max_runs=stop.max_runs,
         replicates=stop.replicates,
@@ -115,8 +119,15 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    decision = _decision(spec, application, fitted, belief, estimate, alone, agreement, known_map)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
+    if spec.stop_of(application.name).loss is not None and (sampler, n_draws) != ("exact", LOOK_DRAWS):
+        looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
+        as_looked = summarise_posterior(spec, fitted, belief, estimate, looked, taken_off)
+        posterior = replace(
+            posterior, expected_regret=as_looked.expected_regret, p_regret_above=as_looked.p_regret_above
+        )
+    loss = posterior.expected_regret
+    decision = _decision(spec, application, fitted, belief, estimate, loss, alone, agreement, known_map)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
@@ -236,6 +247,7 @@ def _decision(
     fitted: Fitted,
     belief: Belief,
     estimate: OptimumEstimate,
+    loss: float,
     draws: Draws,
     agreement: Agreement | None,
     known_map: bool,
@@ -257,6 +269,7 @@ def _decision(
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=h,
+        loss=loss,
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,

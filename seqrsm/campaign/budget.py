@@ -88,25 +88,29 @@ class Plan:
     half_width: float
     loss: float
 
-    def reaches(self, target: float) -> bool:
-        """Whether the stop rule can be expected to hold; where the target is nan, whether the runs are enough."""
-        return self.runs >= self.asked and bool(np.isfinite(self.half_width)) and not self.half_width > target
+    def reaches(self, target: float, most_loss: float) -> bool:
+        """Whether the stop rule can be expected to hold; a target that is nan is not asked about."""
+        narrow = bool(np.isfinite(self.half_width)) and not self.half_width > target
+        return self.runs >= self.asked and narrow and not self.loss > most_loss
 
 
-def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: str) -> str:
-    """What would reach a target that the campaign as it is does not, the least loss first; in sentences."""
+def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, most_loss: float, unit: str) -> str:
+    """What would reach targets that the campaign as it is does not, the least loss first; in sentences."""
 
     def told(plan: Plan) -> str:
         half, loss = (f"{value:.3g} {unit}".rstrip() for value in (plan.half_width, plan.loss))
         return f"half-width {half}, loss {loss}"
 
     budget = plans[0].runs
-    good = sorted((plan for plan in plans if plan.change and plan.reaches(target)), key=lambda plan: plan.loss)
+    good, more = (
+        [plan for plan in of if bool(plan.change) == changed and plan.reaches(target, most_loss)]
+        for of, changed in ((plans, True), (over, False))
+    )
+    good.sort(key=lambda plan: plan.loss)
     found = [f"{plan.change} ({told(plan)})" for plan in good[:3]]
     text = f"With {budget} runs: {'; or '.join(found)}. " if found else ""
-    more = next((plan for plan in over if not plan.change and plan.runs > budget and plan.reaches(target)), None)
-    if more is not None:
-        return f"{text}{'Or' if text else 'Set'} max_runs = {more.runs} ({told(more)})."
+    if (enough := next((plan for plan in more if plan.runs > budget), None)) is not None:
+        return f"{text}{'Or' if text else 'Set'} max_runs = {enough.runs} ({told(enough)})."
     if text:
         return text.strip()
     widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
 from seqrsm.analysis.ground import (
     COVER_OCCASIONS,
     LEVEL_WORLDS,
@@ -133,7 +133,7 @@ class Campaign:
         OvertakenError
             Another process decided meanwhile.
         """
-        analyses = self.analyse_all(n_draws=1000)
+        analyses = self.analyse_all(n_draws=LOOK_DRAWS)
         self._record_looks(analyses)
         return analyses
 

@@ -91,6 +91,8 @@ class CheckResult:
         From what surfaces ``plans`` and ``over`` were found.
     target, unit : float, str
         ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit.
+    most_loss : float
+        ``[stop] loss`` in that unit, nan without a limit and where ``target`` is.
     refused : str
         Why the target cannot be reached, and what could; empty if it may.
     hardware : tuple of str
@@ -121,6 +123,7 @@ class CheckResult:
     unit: str = ""
     refused: str = ""
     cost_unit: str = ""
+    most_loss: float = float("nan")
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -182,8 +185,9 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start, refused = plans[0].asked, error.problems[0].message + "."
     in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
+    most_loss = rule.loss if in_units and math.isfinite(rule.loss) else float("nan")
     if refused or problem:
-        out = way_out(plans, over, target, unit)
+        out = way_out(plans, over, target, most_loss, unit)
         refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
     return CheckResult(
         name=spec.name,
@@ -210,6 +214,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         target=target,
         unit=unit,
         refused=refused,
+        most_loss=most_loss,
     )
 
 
@@ -220,7 +225,7 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
     what else could be done; "" where nothing is changed. ``progress`` and errors are those of `check_campaign`.
     """
     result = check_campaign(folder, progress)
-    if not result.target_problem and result.plans[0].reaches(result.target):
+    if not result.target_problem and result.plans[0].reaches(result.target, math.nan):
         return ""
     expected = result.plans[0].half_width
     reason = (

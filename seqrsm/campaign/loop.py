@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, Literal
 
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.conclude import LOOK_DRAWS
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
@@ -234,7 +235,7 @@ class _ClosedLoop:
             return analyses
         self._add_confirmation(analyses)
         self._simulated()
-        return self.campaign.analyse_all(n_draws=1000)
+        return self.campaign.analyse_all(n_draws=LOOK_DRAWS)
 
     def _finish(self, kind: Ending, analyses: tuple[Analysis, ...]) -> Outcome:
         """Sample the posterior of the last look, after other grounds were simulated at what it recommends."""

@@ -106,7 +106,7 @@ def latest_look(
         ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None where there is no fit),
         ``reason`` (why scores give none).
     """
-    from seqrsm.analysis.conclude import analyse
+    from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary
 
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
@@ -114,7 +114,7 @@ def latest_look(
     try:
         see_names(spec, runs, application.name)
         if any(run.state == "scored" and run.score_of(application.name) for run in evidence(runs)):
-            look = partial(analyse, spec, application, runs, ground=ground, n_draws=1000)
+            look = partial(analyse, spec, application, runs, ground=ground, n_draws=LOOK_DRAWS)
             made_of = (spec.spec_hash, application.name, runs, ground)
             found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
     except FitError as error:

@@ -94,9 +94,12 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
     rest = "stop rule met" if decision.held else f"not met: {', '.join(missing)}" if missing else "to be confirmed"
     mean = with_unit(format_significant(analysis.optimum.mean, 3), analysis.score_unit)
+    stop = spec.stop_of(analysis.application)
+    if stop.loss is not None:
+        rest = f"loss {format_significant(analysis.posterior.expected_regret, 2)} (target {stop.loss:g})  {rest}"
     say(
         f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
-        f"(target {spec.stop_of(analysis.application).half_width:g}{parts_of_width(analysis)})  {rest}"
+        f"(target {stop.half_width:g}{parts_of_width(analysis)})  {rest}"
     )
 
 

@@ -53,6 +53,8 @@ class StopRule:
         The interval at the optimum that must be narrow.
     half_width : float
         Its target half-width, score units, > 0.
+    loss : float
+        What the settings may be expected to lose against the best ones, score units, > 0.
     level : float
         Two-sided probability of the interval, in (0, 1).
     max_runs : int
@@ -73,6 +75,7 @@ class StopRule:
 
     interval: IntervalKind = "prediction"
     half_width: float = 1.0
+    loss: float = float("inf")
     level: float = 0.95
     max_runs: int = 80
     replicates: int = 5
@@ -232,7 +235,7 @@ class Check:
     Attributes
     ----------
     name : str
-        "interval", "runs", "guess", "pure_error", "lack_of_fit" or "confirmation".
+        "interval", "loss", "runs", "guess", "pure_error", "lack_of_fit" or "confirmation".
     holds : bool or None
         None: it cannot be tested yet, which counts as not holding.
     text : str
@@ -290,6 +293,8 @@ class Look:
         Degrees of freedom of pure error.
     h : float
         Variance of the mean there in its square.
+    loss : float
+        What the recommended settings are expected to lose, score units.
     half_width : float
         Half-width of the rule's interval, score units; by default Student's of ``s`` and ``h``. What it has beyond the
         scatter of future runs is forecast to fall with more runs.
@@ -319,6 +324,7 @@ class Look:
     df_pure_error: int
     h: float
     lack_of_fit: float | str
+    loss: float = 0.0
     half_width: float = float("nan")
     model_p: float | None = None
     guess: float | None = None
@@ -370,6 +376,10 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     else:
         width = float(rule.width(s, look.df_residual, h))
     checks = [_interval_check(rule, width, unit)]
+    if np.isfinite(rule.loss):
+        limit = f"at most {amount(rule.loss, unit)} is allowed"
+        text = f"The settings are expected to lose {amount(look.loss, unit)}; {limit}."
+        checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms, look.departed)
         why = "3 per term" if needed == _RUNS_PER_TERM * n_terms else f"{_MIN_DF} degrees of freedom"
@@ -391,6 +401,8 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     held = all(check.holds is True for check in checks)
     ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s, h=h, departed=look.departed)
     ahead = replace(ahead, attainable_half_width=min(ahead.attainable_half_width, width))
+    if ahead.runs_needed is not None and look.loss > rule.loss:  # which falls as the variance of the place
+        ahead = replace(ahead, runs_needed=max(ahead.runs_needed, int(np.ceil(n_runs * look.loss / rule.loss))))
     useless = futility(rule, look, ahead, width, unit)
     budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]

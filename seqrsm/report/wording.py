@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -97,10 +98,16 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text}\u00a0{unit}" if unit and text != NOTHING else text
 
 
-def target_texts(spec: CampaignSpec) -> dict[str, str]:
-    """Target half-width of each application, with its unit."""
-    targets = {one: format_plain(spec.stop_of(one.name).half_width) for one in spec.applications}
-    return {one.name: with_unit(target, one.score_unit) for one, target in targets.items()}
+def target_texts(spec: CampaignSpec, target: Literal["half_width", "loss"] = "half_width") -> dict[str, str]:
+    """Target half-width of each application with its unit, or the loss that is allowed, where it is limited."""
+    targets = {one: getattr(spec.stop_of(one.name), target) for one in spec.applications}
+    return {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets.items() if x is not None}
+
+
+def of_applications(targets: Mapping[str, str]) -> str:
+    """One target for all, or each with the name of its application."""
+    several = listing([f"{target} for {name}" for name, target in targets.items()])
+    return several if len(set(targets.values())) > 1 else next(iter(targets.values()))
 
 
 def axis_label(factor: Factor) -> str:

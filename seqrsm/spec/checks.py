@@ -121,14 +121,18 @@ def goals(applications: Tables[ApplicationSpec], report: Reporter) -> None:
             report.add((*path, "unit"), text, "Remove the key.", application.unit)
 
 
-def targets(applications: Tables[ApplicationSpec], report: Reporter) -> None:
-    """One target half-width is for scores of one unit; of measured scores and your own functions it may be unknown."""
-    shared = [(i, one) for i, one in applications if one.has_known_unit and one.half_width is None]
-    if len({one.score_unit for _, one in shared}) > 1:
-        for index, one in shared:
-            text = "scores of these applications have different units and share [stop] half_width"
-            remedy = f"Add half_width = NUMBER{f', in {one.score_unit}' if one.score_unit else ''}."
-            report.add(("application", index, "half_width"), text, remedy)
+def targets(applications: Tables[ApplicationSpec], keys: Sequence[str], report: Reporter) -> None:
+    """One target is for scores of one unit; of measured scores and your own functions it may be unknown.
+
+    ``keys``: the targets of ``[stop]``, of "half_width" and "loss".
+    """
+    for key in keys:
+        shared = [(i, one) for i, one in applications if one.has_known_unit and getattr(one, key) is None]
+        if len({one.score_unit for _, one in shared}) > 1:
+            for index, one in shared:
+                text = f"scores of these applications have different units and share [stop] {key}"
+                remedy = f"Add {key} = NUMBER{f', in {one.score_unit}' if one.score_unit else ''}."
+                report.add(("application", index, key), text, remedy)
 
 
 def expressions(tables: Tables[ConsiderationSpec], factors: Sequence[Factor], report: Reporter) -> None:

@@ -15,11 +15,11 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and others of
     :mod:`seqrsm.score.utilities`, or "package.module:function"; ``goal`` ("maximize", or "minimize", the default for
     errors); ``weight`` (1); ``unacceptable`` and ``ideal``: scores with desirability 0 and 1 in a compromise, by
-    default the worst and best of the fitted surface; ``half_width``: target in place of that of ``[stop]``, required
-    where applications have scores of different units; ``sufficient``: score from which a candidate suffices, by default
-    that of the optimum minus the target half-width; ``catalog`` (words of the name or description): words the report
-    looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of measured scores and of your own
-    functions.
+    default the worst and best of the fitted surface; ``half_width``, ``loss``: targets in place of those of ``[stop]``,
+    required where applications have scores of different units; ``sufficient``: score from which a candidate suffices,
+    by default that of the optimum minus the target half-width; ``catalog`` (words of the name or description): words
+    the report looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of measured scores and of
+    your own functions.
 ``[application.prior]``, below its ``[[application]]``
     Prior knowledge: ``utility = [low, high]``: the mean score at a random setting lies in this interval with
     ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (a tenth of that range), with the weight
@@ -66,11 +66,11 @@ The tables and keys of the file. Keys without a default are required; unknown ke
 ``[stop]``
     ``half_width``: target half-width, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95): probability content of the
-    intervals; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p or, while a
-    quadratic is likelier than not, n >= p + 14; or "confirmation": confirmation runs decide); ``confirmation_runs``
-    (5): runs made at the optimum to confirm it, at least 2; ``lack_of_fit_alpha`` (0.05): significance level of lack of
-    fit; ``worlds`` ("count", the default: the target applies to the whole interval; or "ignore": to sampling error
-    only, without table uncertainty).
+    intervals; ``loss`` (no limit): largest expected loss of the recommended settings against the true optimum, in score
+    units; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p or, while a quadratic is likelier than not,
+    n >= p + 14; or "confirmation": confirmation runs decide); ``confirmation_runs`` (5): runs made at the optimum to
+    confirm it, at least 2; ``lack_of_fit_alpha`` (0.05): significance level of lack of fit; ``worlds`` ("count", the
+    default: the target applies to the whole interval; or "ignore": to sampling error only, without table uncertainty).
 ``[store]``
     ``url``: an SQLAlchemy address; by default the file ``campaign.db`` in the campaign folder. A relative
     ``sqlite:///`` path starts from that folder; put passwords of a server into ``PGPASSWORD`` or ``~/.pgpass``.
@@ -218,9 +218,10 @@ class CampaignSpec:
         raise SpecError("no such application", f"Applications: {known}.", field="application", value=name)
 
     def stop_of(self, name: str) -> StopSpec:
-        """``[stop]`` with the target half-width of the application of this name."""
-        half_width = self.application(name).half_width
-        return self.stop if half_width is None else self.stop.model_copy(update={"half_width": half_width})
+        """``[stop]`` with the targets of the application of this name."""
+        one = self.application(name)
+        own = {"half_width": one.half_width, "loss": one.loss}
+        return self.stop.model_copy(update={key: value for key, value in own.items() if value is not None})
 
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
@@ -352,7 +353,9 @@ def _checked(
         spec_checks.simulator(folder, raw["simulator"], names, report)
         spec_sensors.members(sensors, written, raw["simulator"].get("fixed"), report)
     spec_checks.goals(applications, report)
-    spec_checks.targets(applications, report)
+    stop = raw.get("stop")
+    keys = ["half_width", *(key for key in ("loss",) if isinstance(stop, dict) and key in stop)]
+    spec_checks.targets(applications, keys, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", considerations, report)

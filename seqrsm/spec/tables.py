@@ -144,6 +144,8 @@ class ApplicationSpec(Table):
         Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
     half_width : float or None
         Target half-width in the unit of its scores; None: that of ``[stop]``.
+    loss : float or None
+        Expected loss allowed, in that unit; None: that of ``[stop]``.
     sufficient : float or None
         Score from which on a sensor suffices; None: that of the optimum, less the target half-width.
     catalog : str
@@ -160,6 +162,7 @@ class ApplicationSpec(Table):
     unacceptable: Number | None = None
     ideal: Number | None = None
     half_width: PositiveNumber | None = None
+    loss: PositiveNumber | None = None
     sufficient: Number | None = None
     catalog: str = ""
     unit: str = ""
@@ -301,6 +304,7 @@ class StopSpec(Table):
     """When the campaign stops; see the module for the meaning of each key."""
 
     half_width: PositiveNumber
+    loss: PositiveNumber | None = None
     interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
     replicates: Annotated[int, Field(ge=2)] = 5
     level: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95

@@ -128,18 +128,18 @@ def test_more_runs_give_more_and_too_few_say_so() -> None:
     widths = [plan.half_width for plan in mine if plan.runs > plan.n_terms]
     assert all(after < 1.02 * before for before, after in pairwise(widths))
     assert [np.isnan(plan.half_width) for plan in mine] == [plan.runs <= plan.n_terms for plan in mine]
-    assert not plans[0].reaches(rule.half_width)  # asks for 26
-    words = way_out(plans, over, rule.half_width, "percent")
+    assert not plans[0].reaches(rule.half_width, np.nan)  # asks for 26
+    words = way_out(plans, over, rule.half_width, np.nan, "percent")
     assert words.startswith("With 20 runs: ")
     assert "max_runs = 26" in words
     assert {plan.change.split(" ")[0] for plan in plans} == {"", "[model]", "[stop]", "a", "b", "q"}
-    assert "widen [stop] half_width to that" in way_out(plans, over, 0.1, "percent")
+    assert "widen [stop] half_width to that" in way_out(plans, over, 0.1, np.nan, "percent")
 
 
 def test_where_nothing_reaches_the_target_the_loss_decides_among_what_is_about_as_narrow() -> None:
     whole = Plan("", 120, 18, 54, 17.0, 0.7)
     fixed, first = Plan("b fixed at 1", 120, 12, 36, 16.5, 20.0), Plan("[model] order = 1", 120, 6, 18, 30.0, 0.1)
-    words = way_out([whole, fixed, first], [Plan("", 18, 18, 54, float("nan"), float("nan"))], 14.0, "percent")
+    words = way_out([whole, fixed, first], [Plan("", 18, 18, 54, float("nan"), float("nan"))], 14.0, np.nan, "percent")
     assert words.startswith("No plan of these reaches it; 120 runs come near (half-width 17 percent, loss 0.7 percent)")
 
 

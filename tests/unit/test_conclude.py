@@ -9,7 +9,7 @@ from types import FrameType, SimpleNamespace
 
 import numpy as np
 import pytest
-from process_cases import hill, spread
+from process_cases import bowl, hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
@@ -20,6 +20,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
+from seqrsm.report.rounding import format_plain
 from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
@@ -279,3 +280,20 @@ def test_no_factor_is_most_important_where_none_is_significant(tmp_path) -> None
     told = str(summary_section(found.spec, [analysis], None, ()))
     assert told.count("No factor has a significant effect") == 1
     assert "none significant" in told
+
+
+def test_an_expected_loss_has_a_limit_that_every_look_holds_it_against_alike(tmp_path: Path) -> None:
+    """Other draws of the posterior had the report say "continue" of what `run` had stopped."""
+    text = specification(numeric(2)).replace("[stop]", "[stop]\nloss = LIMIT")
+    scores = bowl(POINTS) + NOISE
+    (free,) = campaign(tmp_path / "free", text.replace("loss = LIMIT\n", ""), POINTS, scores).analyse_all(n_draws=1000)
+    assert "loss" not in {check.name for check in free.decision.checks}
+    loss = free.posterior.expected_regret
+    for limit in (0.999 * loss, 1.001 * loss):
+        limited = campaign(tmp_path / f"{limit}", text.replace("LIMIT", repr(limit)), POINTS, scores)
+        looks = [limited.analyse_all(n_draws=n, sampler=how)[0] for n, how in ((1000, "exact"), (300, "emcee"))]
+        for one in looks:
+            (check,) = [check for check in one.decision.checks if check.name == "loss"]
+            assert (check.holds, one.posterior.expected_regret) == (loss <= limit, loss)
+    step = next(_next_steps(limited.spec, looks[0]))
+    assert f"(target: at most {format_plain(limit)}" in step

@@ -294,6 +294,15 @@ def test_scores_of_different_units_share_no_target(load):
     assert all("share [stop] half_width" in problem.message for problem in found)
     spec = load(text.replace('unit = "m3/m3"', 'unit = "m3/m3"\nhalf_width = 0.02'))
     assert [spec.stop_of(one.name).half_width for one in spec.applications] == [4.0, 0.02]
+    limited = text.replace('unit = "m3/m3"', 'unit = "m3/m3"\nhalf_width = 0.02').replace(
+        "[stop]", "[stop]\nloss = 1.0"
+    )
+    assert {problem.remedy for problem in problems(load, limited)} == {
+        "Add loss = NUMBER, in percent.",
+        "Add loss = NUMBER, in m3/m3.",
+    }
+    spec = load(limited.replace("half_width = 0.02", "half_width = 0.02\nloss = 0.005").replace("loss = 1.0\n", ""))
+    assert [spec.stop_of(one.name).loss for one in spec.applications] == [None, 0.005]
 
 
 def test_all_faults_at_once_in_order(load):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,15 @@ def test_runs_needed_respects_the_guard() -> None:
     few = {"n_runs": 20, "df_residual": 5, "s": 1.0}
     assert look(**few).runs_needed == 29
     assert look(**few, departed=True).runs_needed == 45
+
+
+def test_a_loss_above_its_limit_goes_on_for_as_many_runs_as_it_is_too_large() -> None:
+    rule = replace(RULE, loss=0.5)
+    assert look(rule, loss=0.5).held
+    decision = look(rule, loss=0.8, unit="percent")
+    assert [check.name for check in decision.checks if not check.holds] == ["loss"]
+    assert decision.reasons[0] == "The settings are expected to lose 0.8 percent; at most 0.5 percent is allowed."
+    assert decision.runs_needed == 80  # of 50
 
 
 def test_budget_that_cannot_reach_the_target() -> None:

@@ -62,7 +62,7 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         return format_significant(value, 2) if math.isfinite(value) else "-"
 
     def numbers(plan: Plan) -> tuple[str, str, str]:
-        reach = "yes" if plan.reaches(result.target) else "no"
+        reach = "yes" if plan.reaches(result.target, result.most_loss) else "no"
         return (
             amount(plan.half_width),
             amount(plan.loss),
@@ -70,7 +70,8 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         )
 
     columns = (right("Half-width", result.unit), right("Expected loss", result.unit))
-    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Enough runs?"
+    limit = f", loss {format_plain(result.most_loss)}" if math.isfinite(result.most_loss) else ""
+    reach = f"\u00b1 {format_plain(result.target)}{limit}?" if known else "Enough runs?"
     ways = table(
         f"Expected results of {result.max_runs} runs",
         ("Model", right("Terms"), *columns, reach),

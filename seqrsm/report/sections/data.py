@@ -21,6 +21,7 @@ from seqrsm.report.wording import (
     level_text,
     listing,
     number_cell,
+    of_applications,
     readable,
     run_decimals,
     source_counts,
@@ -75,16 +76,15 @@ def question_section(dossier: Dossier) -> Section:
 
 def _stop_text(dossier: Dossier) -> str:
     stop = dossier.spec.stop
-    targets = target_texts(dossier.spec)
-    several = listing([f"{target} for {name}" for name, target in targets.items()])
-    target = several if len(set(targets.values())) > 1 else next(iter(targets.values()))
+    target, losses = of_applications(target_texts(dossier.spec)), target_texts(dossier.spec, "loss")
+    loss = f" and the settings an expected loss of at most {of_applications(losses)}" if losses else ""
     guards = {
         "runs": "a minimum number of runs for the terms of the model",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
     }
     return (
         f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
-        f"{target}; in addition, {guards[stop.guard]}. If only the quadratic "
+        f"{target}{loss}; in addition, {guards[stop.guard]}. If only the quadratic "
         "is considered, pure error must be estimable and lack of fit not significant (at "
         f"{level_text(stop.lack_of_fit_alpha)}). Budget: {stop.max_runs} runs."
     )

@@ -38,6 +38,7 @@ from seqrsm.report.wording import (
     setting_range_text,
     setting_spreads,
     source_counts,
+    target_texts,
     told_settings,
     watched_interval,
     with_unit,
@@ -281,18 +282,18 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
             "model. Rely on their scores, not on the model's."
         )
     elif decision.held:
-        yield f"Stop. {_loss_sentence(analysis)}"
+        yield f"Stop. {_loss_sentence(spec, analysis)}"
     elif decision.wants_confirmation:
-        yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}"
+        yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(spec, analysis)}"
     elif decision.budget_spent and _is_a_guess(analysis):
         less = "the existing map alone" if analysis.known_map else "a guess"
         yield f"Change the region or the sensor: at no setting of these are images shown to tell more than {less}."
     elif decision.budget_spent and spec.stop_of(analysis.application).half_width < decision.noise_floor:
-        yield f"Accept the interval as it stands: more runs cannot reach the target. {_loss_sentence(analysis)}"
+        yield f"Accept the interval as it stands: more runs cannot reach the target. {_loss_sentence(spec, analysis)}"
     elif decision.budget_spent:
-        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}"
+        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(spec, analysis)}"
     else:
-        yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}"
+        yield f"Continue: the stop rule is not met yet. {_loss_sentence(spec, analysis)}"
     if edges := best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name)):
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
@@ -301,23 +302,25 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
 
 
 def _reasons(analysis: Analysis) -> Iterator[str]:
-    """Why not to stop, but for what stands above: the interval against its target, a spent budget, a flat surface."""
+    """Why not to stop, but for what stands above: what is held against a target, a spent budget, a flat surface."""
     decision = analysis.decision
     if decision.held or decision.wants_confirmation:
         return
-    told = {check.text for check in decision.checks if check.name == "interval" and check.holds is False}
+    told = {check.text for check in decision.checks if check.name in ("interval", "loss") and check.holds is False}
     for text in decision.reasons:
         if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(_FLAT)):
             yield text
 
 
-def _loss_sentence(analysis: Analysis) -> str:
+def _loss_sentence(spec: CampaignSpec, analysis: Analysis) -> str:
     posterior = analysis.posterior
     loss = loss_text(analysis, posterior.expected_regret)
     epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
+    limit = target_texts(spec, "loss").get(analysis.application)
+    target = f" (target: at most {limit})" if limit else ""
     return (
-        f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}; probability of "
-        f"losing more than {epsilon}: {format_share(posterior.p_regret_above)}."
+        f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}{target}; "
+        f"probability of losing more than {epsilon}: {format_share(posterior.p_regret_above)}."
     )
 
 
