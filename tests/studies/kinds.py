@@ -219,6 +219,7 @@ KINDS: dict[str, Kind] = {
         Kind("quadratic, k = 3", 3, _old(surfaces.quadratic, 3)),
         Kind("quadratic, k = 4", 4, _old(surfaces.quadratic, 4)),
         Kind("quadratic, k = 5", 5, _old(surfaces.quadratic, 5)),
+        Kind("quadratic, k = 6", 6, _old(surfaces.quadratic, 6), runs=60),
         Kind("border, k = 3", 3, _old(surfaces.border, 3)),
         Kind("border, k = 4", 4, _old(surfaces.border, 4)),
         Kind("cubic", 3, cubic),
