@@ -46,6 +46,7 @@ from seqrsm.plain import plain
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MEASURED_GHZ
 from seqrsm.sensor.named import NamedSensor, sensors_called
+from seqrsm.sensor.sets import day_of_year
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 
@@ -330,7 +331,7 @@ class _Comparer:
                 confidence = interval_to_json(alone.confidence)
                 owed.append({"property": name, "difference": alone.difference, "confidence": confidence})
         rows = [{**place_in_swath(place), "score": float(one.mean())} for place, one in zip(places, own, strict=True)]
-        dates = {"used": list(days), "offered": offered} if days else None
+        dates = {"used": list(map(day_of_year, days)), "offered": offered} if days else None
         scene = ground_of(self.tasks[0])[0]
         sides_km = [1e-3 * scene.cell_m * cells for cells in scene.shape[::-1]]
         coarse = {"scene_km": sides_km} if rows[0]["cell_m"] > 1e3 * min(sides_km) else {}

@@ -19,7 +19,6 @@ from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.exchange import PROPERTIES, Sensor, as_parameters, exchanged
 from seqrsm.sensor.named import NamedSensor, noise_equivalent_db, radar_of, radiometer_of
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.sets import LAST_DAY
 from seqrsm.spec.read import CampaignSpec
 
 _COARSER: Final = (1.0, 1.4, 2.0, 2.8, 4.0)
@@ -128,7 +127,6 @@ def passes(spec: CampaignSpec, sensor: NamedSensor, wanted: tuple[float, ...]) -
     most = max((int(span(one)[1]) for one in dates if not isinstance(one, CategoricalFactor)), default=len(wanted))
     first, last = wanted[0], wanted[-1]
     days = np.arange(first + 0.5 * repeat, max(last, first + 0.5 * repeat) + 1e-9, repeat)
-    days = np.minimum(days, LAST_DAY)
     kept = days[np.unique(np.linspace(0, len(days) - 1, min(most, len(days))).round().astype(int))]
     return tuple(float(day) for day in kept), len(days)
 

@@ -13,6 +13,7 @@ from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
 from seqrsm.scattering.calendar import Fields, fields_by_category, on_day
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
+from seqrsm.sensor.sets import day_of_year
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import linear_to_db
@@ -59,7 +60,7 @@ class CropCalendar:
     sigma0_db : float64 array (n_channels, n_crops, 365)
         At 40 degrees [dB].
     days : tuple of float
-        Of the images at the recommended settings.
+        Days of the year of the images at the recommended settings, in their order.
     """
 
     crops: tuple[str, ...]
@@ -88,7 +89,7 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
             at_day = linear_to_db(found.sigma0[:, 40])
             channels.append(f"{one.member or f'{one.sensor.frequency_ghz:.3g} GHz'} {channel}")
             levels.append((at_day - on_day(found.course.change_db, day))[:, None] + found.course.change_db)
-    return CropCalendar(crops, tuple(channels), np.array(levels), made[0].visit.days)
+    return CropCalendar(crops, tuple(channels), np.array(levels), tuple(map(day_of_year, made[0].visit.days)))
 
 
 def _scored_cells(scene: Scene) -> IntArray:

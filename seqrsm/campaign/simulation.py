@@ -30,7 +30,7 @@ from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.sets import Member, members_of
+from seqrsm.sensor.sets import Member, day_of_year, members_of, refuse_long
 from seqrsm.simulate.runner import local_file
 from seqrsm.simulate.visits import Visit
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem, placed
@@ -64,12 +64,13 @@ class Acquisition:
     @property
     def label(self) -> str:
         """Member and day in words, "" where there is but one image."""
-        day = "" if self.visit.day is None else f"day {self.visit.day:.4g}"
+        day = "" if self.visit.day is None else f"day {day_of_year(self.visit.day):.4g}"
         return ", ".join(part for part in (self.member, day) if part)
 
     def record(self) -> dict[str, Any]:
         """What is kept with a score."""
-        return {"member": self.member, "engine": self.engine, "day": self.visit.day}
+        day = None if self.visit.day is None else day_of_year(self.visit.day)
+        return {"member": self.member, "engine": self.engine, "day": day}
 
 
 def acquisitions_of(
@@ -90,6 +91,7 @@ def acquisitions_of(
         text = f"the sensor {name} of the set has no date, others have"
         raise ConfigurationError(text, "Give first_day to all of them, or to none", field="first_day")
     days = tuple(sorted({day for member in found for day in member.dates.on}))
+    refuse_long(days, "the dates of the set", "first_day")
     return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
 
 
@@ -110,7 +112,7 @@ def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acq
             raise ConfigurationError(text, remedy, field="season", value=sensor.season)
         on = dict.fromkeys(member.dates.on, sensor)
     else:
-        on = {day: replace(sensor, day_of_year=day) for day in member.dates.on}
+        on = {day: replace(sensor, day_of_year=day_of_year(day)) for day in member.dates.on}
     return [
         Acquisition(member.name, member.engine, own, Visit(days, days.index(day), number)) for day, own in on.items()
     ]

@@ -197,8 +197,8 @@ class EmissivityTable:
             beyond their nodes.
         polarization : {"H", "V"}
         day : float or None
-            Day of the year, 1 to 365: the vegetation's optical depth goes with the water of its canopy; None: the
-            table's, which are taken for those of the growing season.
+            Day of the year, one as the next: the vegetation's optical depth goes with the water of its canopy; None:
+            the table's, which are taken for those of the growing season.
 
         Raises
         ------

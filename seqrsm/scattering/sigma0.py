@@ -166,7 +166,7 @@ class Sigma0Table:
         snow_depth_cm : float
             Its depth [cm], >= 0.
         day : float or None
-            Day of the year, 1 to 365, on which the covers are met; None: in the middle of ``season``.
+            Day of the year on which the covers are met, one year as the next; None: in the middle of ``season``.
 
         Raises
         ------

@@ -29,7 +29,9 @@ BANDS: Final[Mapping[str, float]] = {
 }  # fmt: skip
 """Frequency that a band's letter stands for [GHz]."""
 
-LAST_DAY: Final = 365.0
+YEAR_DAYS: Final = 365
+_LATEST: Final = 3 * YEAR_DAYS  # a named sensor may pass some weeks after the latest first day, 730
+_NEXT_YEAR: Final = "Count days of the next year on from 365"
 
 Values = Mapping[str, float | str]
 
@@ -43,7 +45,8 @@ class Dates:
     dates : int
         How many times.
     first_day : float or None
-        Day of the year of the first; None: no day at all, the season stands for it.
+        Day of the year of the first, counted on into the next year, where 380 is day 15; None: no day at all, the
+        season stands for it.
     interval_days : float
         Between one date and the next [d].
     days : str
@@ -52,7 +55,7 @@ class Dates:
     Raises
     ------
     ConfigurationError
-        Dates without a day, beyond the year, out of order, or given twice.
+        Dates without a day, of more than a year, out of order, or given twice.
     """
 
     dates: int = 1
@@ -67,19 +70,21 @@ class Dates:
         if not self.days and self.first_day is None and self.dates != 1:
             text = "several dates need a first day"
             raise ConfigurationError(text, "Give first_day", field="dates", value=self.dates)
-        for day in self.on:
-            if not 1.0 <= day <= LAST_DAY:
-                text = f"a date on day {day:g} lies beyond the year"
-                remedy = "Keep all dates within days 1 to 365: fewer dates, a shorter interval or an earlier first day"
-                field = "days" if self.days else "first_day"
-                raise ConfigurationError(text, remedy, field=field, value=self.days or self.first_day)
-        if any(later <= day for day, later in pairwise(self.on)):
-            remedy = "Write each once, the first one first; a series across the new year is not simulated"
-            raise ConfigurationError("the days do not rise", remedy, field="days", value=self.days)
+        field, value = ("days", self.days) if self.days else ("first_day", self.first_day)
+        refuse_long(self.on, "the dates", field)
+        if any(not 1.0 <= day <= _LATEST for day in self.on):
+            remedy = f"Give days from 1. {_NEXT_YEAR}: 380 is 15 January"
+            raise ConfigurationError("these are no days of the year", remedy, field=field, value=value)
+        fallen = next((later for day, later in pairwise(self.on) if later <= day), None)
+        if fallen is not None:
+            remedy = (
+                f"Write each once, the first one first. {_NEXT_YEAR}: {fallen + YEAR_DAYS:g} in place of {fallen:g}"
+            )
+            raise ConfigurationError("the days do not rise", remedy, field=field, value=value)
 
     @property
     def on(self) -> tuple[float, ...]:
-        """Days of the year, rising; empty where the season stands for them."""
+        """Days, rising, those of the next year beyond 365; empty where the season stands for them."""
         if self.days:
             try:
                 return tuple(float(day) for day in self.days.split("+"))
@@ -88,6 +93,18 @@ class Dates:
         if self.first_day is None:
             return ()
         return tuple(self.first_day + k * self.interval_days for k in range(self.dates))
+
+
+def day_of_year(day: float) -> float:
+    """Day of the year, from 1 to below 366, of a day that may be counted on into later years."""
+    return day - YEAR_DAYS * ((math.floor(day) - 1) // YEAR_DAYS)
+
+
+def refuse_long(days: tuple[float, ...], what: str, field: str) -> None:
+    """Raise ConfigurationError where rising days span a year: a field has the crops of one."""
+    if days and days[-1] - days[0] >= YEAR_DAYS:
+        text = f"{what} span {days[-1] - days[0]:g} days, more than one year of crops"
+        raise ConfigurationError(text, f"Give fewer dates or a shorter interval. {_NEXT_YEAR}", field=field)
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,8 @@ class Visit:
     Attributes
     ----------
     days : tuple of float
-        Days of the year of all meetings of the run, rising; empty: one meeting in the middle of the season.
+        Days of the year of all meetings of the run, rising, those of the next year beyond 365; empty: one meeting in
+        the middle of the season.
     number : int
         Place of this one among them.
     member : int

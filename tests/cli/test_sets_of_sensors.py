@@ -110,12 +110,12 @@ def test_the_calendar_is_what_is_simulated(folder) -> None:
             assert row[0, day - 1] == pytest.approx(10.0 * np.log10(looked), abs=1e-6)
 
 
-def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:
-    late = text().replace("low = 100.0\nhigh = 180.0", "low = 300.0\nhigh = 350.0")
+def test_dates_of_more_than_a_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:
+    late = text().replace("interval_days = 20.0", "interval_days = 180.0").replace("[1, 2, 3]", "[1, 2, 4]")
     folder = make_tiny(tmp_path / "late", tiny_scene, late)
     found = seqrsm("check", folder)
     assert found.exit_code == 2
-    assert "lies beyond the year" in found.stderr
+    assert "span 540 days, more than one year of crops" in " ".join(found.stderr.split())
 
 
 def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(tmp_path, tiny_scene) -> None:

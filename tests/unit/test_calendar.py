@@ -379,6 +379,32 @@ def test_values_on_days_are_those_of_numpy_across_the_ends_of_the_year():
     np.testing.assert_array_equal(on_day(years, 364.9), on_day(years, days)[:, 7])
 
 
+@pytest.mark.parametrize("world", [None, World(5, 3)])
+def test_the_year_is_a_circle(world):
+    """Day 380 is day 15, and the night to day 1 takes what the nights around it take."""
+    table = TABLE.in_world(world)
+    for frequency in (1.25, 5.4):
+        now, later = (at(day, "HV", frequency, table=table) for day in (15.5, 380.5))
+        np.testing.assert_array_equal(now.sigma0, later.sigma0)
+        np.testing.assert_array_equal(now.mean_sd_db, later.mean_sd_db)
+        year = at(15.0, "HV", frequency, table=table).course.change_db
+        nights = np.abs(np.diff(year[:, np.arange(-8, 8)], axis=1))  # day 358 to day 8
+        assert (nights[:, 7] <= nights.max(axis=1, where=np.arange(15) != 7, initial=0.0) + 0.01).all()
+    emission = load_emissivity_table()
+    now, later = (emission.lookup(("Wheat",), 1.4, "H", day=day).emissivity for day in (15.0, 380.0))
+    np.testing.assert_array_equal(now, later)
+
+
+def test_fields_keep_their_history_over_the_new_year():
+    """Twenty days apart they are as much alike at the turn of the year as in spring."""
+    turn, spring = (np.corrcoef(field_offsets(days, "Grass")) for days in ((355.0, 375.0), (100.0, 120.0)))
+    assert turn[0, 1] == pytest.approx(spring[0, 1], abs=0.03)
+    assert turn[0, 1] == pytest.approx(0.78 + 0.22 * np.exp(-20.0 / 86.0), abs=0.03)
+    moist = np.array([[moisture_share(Visit((355.0, 375.0), t), seed=1, run_id=k) for t in (0, 1)] for k in range(900)])
+    expected = 0.74 * np.exp(-20.0 / 30.0) + 0.26 * np.exp(-20.0 / 4.5)
+    assert np.corrcoef(stats.norm.ppf(moist).T)[0, 1] == pytest.approx(expected, abs=0.09)
+
+
 def test_a_crop_without_course_in_c_band_is_named():
     with pytest.raises(ScatteringDataError, match=r"calendar_c_band\.csv: VV: no course in C band.*Rice"):
         _c_band_db("Rice", "VV")

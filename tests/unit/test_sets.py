@@ -58,6 +58,20 @@ def test_a_radiometer_beside_a_radar() -> None:
     assert radiometer.visit.day == radar.visit.day == 150.0
 
 
+def test_a_series_over_the_new_year_is_one_season() -> None:
+    """Days count on, so that gaps are right; what people and the sun are told is the day of the year."""
+    radiometer = {
+        "engine": "prm", "frequency": 1.4, "polarization": "H", "resolution": 300.0, "integration_time": 10.0,
+        "bandwidth": 20.0, "noise_temperature": 500.0, "scan_period": 1.0, "speed_m_s": 60.0,
+    }  # fmt: skip
+    when = {"dates": 6, "first_day": 300.0, "interval_days": 20.0}
+    found = made({"frequency": "passive", "resolution": 20.0, **when}, {"passive": radiometer})
+    assert [one.record()["day"] for one in found] == [300.0, 320.0, 340.0, 360.0, 15.0, 35.0]
+    assert [one.sensor.day_of_year for one in found] == [300.0, 320.0, 340.0, 360.0, 15.0, 35.0]
+    assert found[4].label == "passive, day 15"
+    np.testing.assert_array_equal(np.diff(found[0].visit.days), 20.0)
+
+
 def test_days_of_all_members_are_one_calendar() -> None:
     found = made(
         {"frequency": "L+C", "resolution": 20.0, "dates": 2, "first_day": 120.0, "interval_days": 30.0},
@@ -78,6 +92,8 @@ def test_days_of_all_members_are_one_calendar() -> None:
         ({"dates": 3, "first_day": 100.0, "interval_days": 10.0}, (100.0, 110.0, 120.0)),
         ({"days": "120+150.5+200"}, (120.0, 150.5, 200.0)),
         ({"first_day": 365.0}, (365.0,)),
+        ({"dates": 3, "first_day": 340.0, "interval_days": 20.0}, (340.0, 360.0, 380.0)),
+        ({"days": "340+380"}, (340.0, 380.0)),
     ],
 )
 def test_dates(given, days) -> None:
@@ -88,12 +104,13 @@ def test_dates(given, days) -> None:
     ("given", "words"),
     [
         ({"dates": 2}, "need a first day"),
-        ({"dates": 12, "first_day": 200.0, "interval_days": 30.0}, "day 530 lies beyond the year|beyond the year"),
+        ({"dates": 14, "first_day": 200.0, "interval_days": 30.0}, "span 390 days, more than one year of crops"),
         ({"days": "120", "first_day": 100.0}, "specified twice"),
-        ({"days": "120+spring"}, "beyond the year"),
-        ({"days": "300+20"}, "days do not rise"),  # October and the January after it, 85 days later
+        ({"days": "120+spring"}, "no days of the year"),
+        ({"days": "300+20"}, "days do not rise.*385"),  # October and the January after it, 85 days later
         ({"days": "120+120"}, "days do not rise"),
-        ({"days": "0"}, "beyond the year"),
+        ({"days": "0"}, "no days of the year"),
+        ({"first_day": 5000.0}, "no days of the year"),
     ],
 )
 def test_impossible_dates_are_refused(given, words) -> None:
@@ -107,6 +124,7 @@ def test_impossible_dates_are_refused(given, words) -> None:
         ({"frequency": "L+Q"}, {}, "no such member of a set.*Q"),
         ({"frequency": "L+L"}, {}, "stands twice"),
         ({"frequency": "L+C", "C.first_day": 100.0}, {}, "the sensor L of the set has no date"),
+        ({"frequency": "L+C", "L.first_day": 10.0, "C.first_day": 380.0}, {}, "dates of the set span 370 days"),
         ({"frequency": "C", "first_day": 100.0, "season": "winter"}, {}, "the season follows from the dates"),
         ({"frequency": "L+C"}, {"C": {"resolution": 1.0, "antenna_length_m": 10.0}}, "sensor C of the set"),
     ],
