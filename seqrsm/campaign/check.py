@@ -372,8 +372,11 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
     task = task_of(spec, 0, settings)
     made, epsg = task.acquisitions, scene_at(task.scene).epsg or 0
     south = epsg // 100 == _UTM_SOUTH or any(getattr(one.sensor, "latitude_deg", 0.0) < 0.0 for one in made)
-    if south and made[0].visit.day is not None:
-        yield "the calendar of crops is of the northern hemisphere, the scene in the southern: move days by half a year"
+    if south and made[0].visit.day is not None and not (task.calendar or task.late_days):
+        yield (
+            "the calendar of crops is of the northern hemisphere, the scene in the southern: "
+            "set [simulator] calendar_shift_days = 182, or give a calendar"
+        )
     bands = sorted({one.sensor.frequency_ghz for one in made if isinstance(one.sensor, RadarConfiguration)})
     for low, high in pairwise(bands):
         if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:

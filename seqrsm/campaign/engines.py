@@ -84,7 +84,7 @@ class Engine:
         return tuple(name for name, parameter in self.parameters.items() if parameter.kind == "function")
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _loaded(load: Callable[..., Any], path: str, modified_ns: int, *more: Any) -> Any:
     del modified_ns  # part of the key: an edited file is read again
     return load(path or None, *more)

@@ -37,6 +37,8 @@ def experiment_of(spec: CampaignSpec) -> dict[str, str]:
     simulator = spec.simulator
     found: dict[str, object] = {"seqrsm": __version__, "[simulator] engine": simulator.engine}
     found["[simulator] common_random_numbers"] = None  # earlier versions had it: where it was used scores differ
+    if simulator.calendar_shift_days:
+        found["[simulator] calendar_shift_days"] = simulator.calendar_shift_days
     found |= {f"[simulator.fixed] {key}": value for key, value in simulator.fixed.items()}
     for member, own in simulator.members.items():
         found |= {f"[simulator.members.{member}] {key}": value for key, value in own.items()}

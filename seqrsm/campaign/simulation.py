@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from seqrsm.campaign.engines import ENGINES, Settings, check_utility, loaded, sc
 from seqrsm.design.factors import settings_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
+from seqrsm.scattering.calendar import load_calendar
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
 from seqrsm.scattering.worlds import OneAway, World
 from seqrsm.scene.file import load_scene
@@ -38,6 +39,7 @@ from seqrsm.store.records import NewScore
 
 _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 _BUNDLE = 2**30  # ids beyond any run's
+_FILES: Final = ("scene", "table", "known_map", "calendar")  # of a task and of [simulator]
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
 
@@ -144,6 +146,8 @@ class SimulationTask:
         deviations; None: the table's own means.
     known_map : str
         Path of the confusion table of a map that is there already, "" for none.
+    calendar, late_days : str, int
+        Path of the user's calendar of crops, "" for the shipped one alone, and days by which that one comes later.
     """
 
     engine: str
@@ -158,6 +162,8 @@ class SimulationTask:
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     world: int | tuple[str, float] | None = None
     known_map: str = ""
+    calendar: str = ""
+    late_days: int = 0
 
     @cached_property
     def acquisitions(self) -> tuple[Acquisition, ...]:
@@ -173,6 +179,8 @@ class SimulationTask:
     def scattering(self, engine: str) -> Any:
         """An engine's table of sigma0 or emissivity in the task's world; the user's own is for the main engine."""
         table = ENGINES[engine].table(self.table if engine == self.engine else "")
+        if self.calendar or self.late_days:
+            table = replace(table, calendar=loaded(load_calendar, self.calendar, self.late_days))
         if self.world is None:
             return table
         return table.in_world(World(self.seed, self.world) if isinstance(self.world, int) else OneAway(*self.world))
@@ -210,6 +218,8 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         except SpecError as error:
             raise SpecError(*(placed(spec, one, "application", k, "utility") for one in error.problems)) from error
     place = partial(_placed, file=lambda path: str(spec.folder / path), function=partial(located, spec.folder))
+    given = {name: getattr(spec.simulator, name) for name in _FILES}
+    files = {name: str(spec.folder / path) if path else "" for name, path in given.items()}
     task = SimulationTask(
         spec.simulator.engine,
         run_id,
@@ -217,11 +227,13 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         dict(settings),
         place(spec.simulator.fixed),
         str(spec.scene_path),
-        str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
+        files["table"],
         utilities,
         cells,
         {name: place(own) for name, own in spec.simulator.members.items()},
-        known_map=str(spec.folder / spec.simulator.known_map) if spec.simulator.known_map else "",
+        known_map=files["known_map"],
+        calendar=files["calendar"],
+        late_days=spec.simulator.calendar_shift_days,
     )
     return task if run_id == NO_RUN else replace(task, world=run_id)
 
@@ -331,7 +343,7 @@ def _fault(error: Exception, task: SimulationTask) -> str:
 
 def files_of(task: SimulationTask) -> frozenset[str]:
     """Paths of the files that a task reads."""
-    found = {task.scene, task.table, task.known_map, *(file_of(utility) for _, utility in task.utilities)}
+    found = {getattr(task, name) for name in _FILES} | {file_of(utility) for _, utility in task.utilities}
 
     def see(path: str) -> str:
         found.add(path)
@@ -359,16 +371,8 @@ def on_this_machine(task: SimulationTask) -> SimulationTask:
     place = partial(_placed, file=local_file, function=_local_function)
     members = {name: place(own) for name, own in task.members.items()}
     utilities = tuple((application, _local_function(name)) for application, name in task.utilities)
-    scene, table, known_map = (local_file(path) for path in (task.scene, task.table, task.known_map))
-    return replace(
-        task,
-        scene=scene,
-        table=table,
-        known_map=known_map,
-        fixed=place(task.fixed),
-        members=members,
-        utilities=utilities,
-    )
+    files: dict[str, Any] = {name: local_file(getattr(task, name)) for name in _FILES}
+    return replace(task, **files, fixed=place(task.fixed), members=members, utilities=utilities)
 
 
 def _local_function(name: str) -> str:
@@ -414,20 +418,24 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     first = carry_out(centre)
     if first.failure:
         raise SpecError(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
-    return (*combinations, *lone, *_idle_rows(spec, scene))
+    return (*combinations, *lone, *_idle_rows(spec, scene, centre))
 
 
-def _idle_rows(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
-    """What of the user's table has no effect: covers that the scene has not, perhaps by a slip."""
-    if spec.simulator is None or not spec.simulator.table:
-        return ()
-    table, shipped = (
-        ENGINES[spec.simulator.engine].table(path).curves for path in (str(spec.folder / spec.simulator.table), "")
-    )
-    own = (key if isinstance(key, str) else key[0] for key, curve in table.items() if curve is not shipped.get(key))
-    idle = [name for name in dict.fromkeys(own) if name not in scene.categories]
-    text = f"rows of {spec.simulator.table} for {', '.join(idle)} have no effect: the scene has "
-    return (text + ", ".join(scene.categories),) if idle else ()
+def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[str, ...]:
+    """What of the user's table and calendar has no effect: covers that the scene has not, perhaps by a slip."""
+    assert spec.simulator is not None
+    shipped = ENGINES[spec.simulator.engine].table("").curves
+    table = task.scattering(spec.simulator.engine)
+    new = [key for key, curve in table.curves.items() if curve is not shipped.get(key)]
+    own = [key if isinstance(key, str) else key[0] for key in new]
+    notes = []
+    for file, names in ((spec.simulator.table, own), (spec.simulator.calendar, table.calendar.own)):
+        if idle := [name for name in dict.fromkeys(names) if name not in scene.categories]:
+            has = ", ".join(scene.categories)
+            notes.append(f"rows of {file} for {', '.join(idle)} have no effect: the scene has {has}")
+    if (task.calendar or task.late_days) and task.acquisitions[0].visit.day is None:
+        notes.append("the calendar has no effect, as there are no dates: give first_day")
+    return tuple(notes)
 
 
 def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:

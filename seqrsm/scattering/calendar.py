@@ -13,21 +13,28 @@ band the course is linear in the logarithm of frequency; X and Ku bands follow C
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
 late (`data/calendar_fields.csv`). All dates see the same draw of them.
+
+All this is of Europe. On other ground it may come some days later, and covers may have a course of the user's own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from dataclasses import fields as dataclass_fields
 from functools import lru_cache
-from typing import Final
+from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated
 from seqrsm.scattering.readers import Row, shipped_rows
+from seqrsm.scattering.worlds import course_deviation, default_mean_sd
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -44,6 +51,9 @@ _HELD_DEG: Final = (20.0, 60.0)
 _TILT_DB_PER_DEG: Final = 0.28  # bare soil falls by 0.4 dB a degree, a closed canopy by 0.12
 _CANOPY_LEAST: Final = 0.3  # of the level: more is not laid on the soil
 _C_SD_DB, _CEREAL_SD_DB, _X_SD_DB = (1.0, 1.2), 2.0, 2.5
+_OCTAVE: Final = 2.0  # beyond its nodes a user's course is held so far, and not known further
+_AS_ASSUMED: Final = "Vegetables"  # how fields of a cover that is not in the shipped calendar keep theirs
+_EVEN_DAYS: Final[FloatArray] = np.full(DAYS.size, 1.0 / DAYS.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +93,8 @@ class Course:
         What a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and 60.
     spread : float64 array (n_categories, 365)
         Factor of the standard deviation between fields: 1 where a canopy is closed, 2 over bare soil (assumed).
-    sd_db : float64 array (n_categories,)
-        Standard deviation of the course about that of a given ground [dB], root mean square over the year.
+    sd_db : float64 array (n_categories, 365)
+        Standard deviation of the course about that of a given ground [dB].
     lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
         See `Fields`.
     even : bool array (n_categories,)
@@ -102,7 +112,7 @@ class Course:
 
     def of(self, categories: list[int]) -> Course:
         """The same of some of the categories, by their places; repeats allowed."""
-        return Course(**{field.name: getattr(self, field.name)[categories] for field in dataclass_fields(self)})
+        return Course(**{own.name: getattr(self, own.name)[categories] for own in dataclass_fields(self)})
 
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
@@ -137,67 +147,181 @@ def level_days(frequency_ghz: float) -> FloatArray:
     return weights
 
 
-def course(
-    categories: tuple[str, ...], frequency_ghz: float, channel: str, level_db: FloatArray, soil_db: float, file: str
-) -> Course:
-    """Course of categories through the year.
+class OwnCourse(NamedTuple):
+    """A user's course of a cover in a channel: at n rising frequencies what the day adds to the table, (n, 365).
+
+    In decibels of sigma0 or in emissivity [1], as its standard deviation (n,) about that of a given ground.
+    """
+
+    frequency_ghz: tuple[float, ...]
+    change: FloatArray
+    mean_sd: FloatArray
+    note: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calendar:
+    """The calendar of some ground, made by `load_calendar`.
+
+    Attributes
+    ----------
+    own : Mapping
+        The user's courses by category, and in it by channel: HH, HV, VV of sigma0, H, V of emissivity.
+    late_days : int
+        By which the shipped courses come later on this ground than in Europe [d].
+    file : str
+        The user's file, or "".
+    """
+
+    own: Mapping[str, Mapping[str, OwnCourse]] = field(default_factory=dict)
+    late_days: int = 0
+    file: str = ""
+
+    def course(
+        self,
+        categories: tuple[str, ...],
+        frequency_ghz: float,
+        channel: str,
+        level_db: FloatArray,
+        soil_db: float,
+        season: Callable[[str, FloatArray], FloatArray] | None = None,
+    ) -> Course:
+        """Course of the backscatter of categories through the year.
+
+        Parameters
+        ----------
+        categories : tuple of str
+        frequency_ghz : float
+        channel : {"HH", "HV", "VV"}
+        level_db : float64 array (n_categories,)
+            The table's sigma0 at 40 degrees [dB].
+        soil_db : float
+            That of bare soil.
+        season : callable or None
+            Category and weights of days as of `level_days` -> standard departure (365,) of the ground's course.
+
+        Raises
+        ------
+        ScatteringDataError
+            Categories without a calendar, or without rows of this channel and frequency in the user's.
+        """
+        rows, cross = self._fields(categories), int(channel == "HV")
+        years = np.empty((4, len(rows), DAYS.size))
+        for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
+            tilt, spread, days, late = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days
+            if name in self.own:
+                change, sd = self._of_own(name, frequency_ghz, channel)
+                days, late = _EVEN_DAYS, 0
+            else:
+                change, sd = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k]), 0.0
+                if row.group != "even":
+                    cover, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
+                    tilt, spread = -_TILT_DB_PER_DEG * (cover[_FLIGHTS].mean() - cover), 2.0 - cover
+            if season is not None:
+                change = change + sd * season(name, days)
+            years[:, k] = np.roll([change, tilt, spread, sd * course_deviation(days)], late, axis=1)
+        kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days, row.group == "even") for row in rows]
+        lasting_share, memory_days, shift_days, even = np.array(kept).reshape(-1, 4).T
+        change_db, tilt, spread, sd_db = years
+        return Course(change_db, tilt, spread, sd_db, lasting_share, memory_days, shift_days, even.astype(np.bool_))
+
+    def canopy_share(self, category: str, day: float) -> float:
+        """Water of a cover's canopy on a day over that of the growing season, when the tables' levels hold.
+
+        1 where even, and where the user's own course stands for it.
+
+        Raises
+        ------
+        ScatteringDataError
+            The category has no calendar.
+        """
+        self._fields((category,))
+        water = _canopy(category)[0]
+        if category in self.own or not water.any():
+            return 1.0
+        return float(on_day(water, day - self.late_days)) / _season_water(category)
+
+    def emission(self, category: str, frequency_ghz: float, polarization: str, day: float) -> tuple[float, float]:
+        """What the user's own course adds to a cover's emissivity on a day, and its standard deviation; 0 without one.
+
+        Raises
+        ------
+        ScatteringDataError
+            The course has no rows of this polarization and frequency.
+        """
+        if category not in self.own:
+            return 0.0, 0.0
+        change, sd = self._of_own(category, frequency_ghz, polarization)
+        return float(on_day(change, day)), sd
+
+    def notes(self, categories: tuple[str, ...], channel: str) -> tuple[str, ...]:
+        """What the user's courses of a channel rest on."""
+        return tuple(self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
+
+    def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
+        """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""
+        known = dict(fields_by_category())
+        own = (name for name in self.own if name not in known or known[name].group == "even")
+        known |= dict.fromkeys(own, known[_AS_ASSUMED])
+        remedy = f"Leave first_day out, or add its rows to a [simulator] calendar; known: {', '.join(known)}"
+        missing = [name for name in dict.fromkeys(categories) if name not in known]
+        if missing:
+            text, file = "no calendar of this category", self.file or None
+            raise ScatteringDataError(*(Problem(text, remedy, file, field="category", value=name) for name in missing))
+        return [known[name] for name in categories]
+
+    def _of_own(self, category: str, frequency_ghz: float, channel: str) -> tuple[FloatArray, float]:
+        """A user's course (365,) and its standard deviation, linear in the logarithm of frequency."""
+        course = self.own[category].get(channel)
+        nodes = course.frequency_ghz if course else ()
+        if course is None or not nodes[0] / _OCTAVE <= frequency_ghz <= nodes[-1] * _OCTAVE:
+            text = f"the calendar has no {channel} of {category} within an octave of {frequency_ghz:g} GHz"
+            raise ScatteringDataError(text, "Add its rows", file=self.file, field="polarization", value=channel)
+        place = np.interp(math.log(frequency_ghz), np.log(nodes), np.arange(len(nodes)))
+        weights = np.maximum(1.0 - np.abs(np.arange(len(nodes)) - place), 0.0)
+        return weights @ course.change, float(weights @ course.mean_sd)
+
+
+SHIPPED: Final = Calendar()
+"""The calendar of Europe."""
+
+
+def load_calendar(path: str | Path | None, late_days: int = 0) -> Calendar:
+    """The shipped calendar, moved by some days, and the courses of a user's file in place of its own.
 
     Parameters
     ----------
-    categories : tuple of str
-    frequency_ghz : float
-    channel : {"HH", "HV", "VV"}
-    level_db : float64 array (n_categories,)
-        The table's sigma0 at 40 degrees [dB].
-    soil_db : float
-        That of bare soil.
-    file : str
-        The user's table, or "", for messages.
+    path : str, Path or None
+        Long CSV; its columns are in `seqrsm.scattering.longtable`. Where it states no standard deviation it is that of
+        assumed emissivity, or the largest of the shipped courses of sigma0.
+    late_days : int
 
     Raises
     ------
     ScatteringDataError
-        Categories without a calendar.
+        The file cannot be read or holds wrong rows: all of them, each with line and column.
     """
-    known = fields_by_category()
-    missing = [name for name in dict.fromkeys(categories) if name not in known]
-    if missing:
-        raise ScatteringDataError(*(_no_calendar(name, file) for name in missing))
-    cross = int(channel == "HV")
-    rows = [known[name] for name in categories]
-    canopy = [_canopy(name) for name in categories]
-    cover = np.array([own[1] for own in canopy])
-    closed = cover[:, _FLIGHTS].mean(axis=1, keepdims=True)
-    change = [
-        _change_db(name, row, frequency_ghz, channel, soil_db - level)
-        for name, row, level in zip(categories, rows, level_db, strict=True)
-    ]
-    even = np.array([row.group == "even" for row in rows])
-    return Course(
-        change_db=np.array(change).reshape(-1, DAYS.size),
-        tilt_db_per_deg=np.where(even[:, None], 0.0, -_TILT_DB_PER_DEG * (closed - cover)),
-        spread=np.where(even[:, None], 1.0, 2.0 - cover),
-        sd_db=np.array([0.0 if row.group == "even" else _sd_db(row.group, frequency_ghz, cross) for row in rows]),
-        lasting_share=np.array([row.lasting_share[cross] for row in rows]),
-        memory_days=np.array([row.memory_days[cross] for row in rows]),
-        shift_days=np.array([row.shift_days for row in rows]),
-        even=even,
-    )
-
-
-def canopy_share(category: str, day: float, file: str) -> float:
-    """Water of a cover's canopy on a day over that of the growing season, when the tables' levels hold; 1 where even.
-
-    Raises
-    ------
-    ScatteringDataError
-        The category has no calendar.
-    """
-    known = fields_by_category()
-    if category not in known:
-        raise ScatteringDataError(_no_calendar(category, file))
-    water = _canopy(category)[0]
-    return float(on_day(water, day)) / _season_water(category) if water.any() else 1.0
+    problems: list[Problem] = []
+    groups: dict[tuple[str, str], dict[float, list[Node]]] = defaultdict(lambda: defaultdict(list))
+    for node in read_nodes(path, None) if path else ():
+        groups[node.category, node.channel][node.frequency_ghz].append(node)
+    own: dict[str, dict[str, OwnCourse]] = defaultdict(dict)
+    for (category, channel), blocks in groups.items():
+        change, sds = [], []
+        for ghz, block in sorted(blocks.items()):
+            year = in_order(block, f"{category}, {ghz:g} GHz, {channel}", problems, "day") or block[:1]
+            values = [node.value for node in year]
+            change.append(np.interp(DAYS, [node.place for node in year], values, period=float(DAYS.size)))
+            emits = channel in ("H", "V")
+            assumed = default_mean_sd("emissivity", "", "", ghz, channel) if emits else _sd_db("cereal", ghz, 0)
+            sds.append(stated(block, "mean_sd", lambda node: node.channel).get(channel, assumed))
+        rows = [node.row for block in blocks.values() for node in block]
+        sources = "; ".join(sorted({f"{row.text('status')}: {row.text('source')}" for row in rows}))
+        like = "" if category in fields_by_category() else f"; fields as those of {_AS_ASSUMED} (assumed)"
+        note = f"{category} {channel}: course of {Path(rows[0].file).name} ({sources}){like}"
+        own[category][channel] = OwnCourse(tuple(sorted(blocks)), np.array(change), np.array(sds), note)
+    refuse(problems, path or "")
+    return Calendar(own, late_days, str(path or ""))
 
 
 def season_depth(category: str, frequency_ghz: float) -> float:
@@ -217,11 +341,6 @@ def _season_water(category: str) -> float:
     """Water of a canopy [kg/m2] when the L-band levels were measured."""
     level = fields_by_category()[category].level_water_kg_m2
     return float(_canopy(category)[0][_FLIGHTS].mean()) if math.isnan(level) else level
-
-
-def _no_calendar(category: str, file: str) -> Problem:
-    remedy = f"Leave first_day out; a calendar is known of: {', '.join(fields_by_category())}"
-    return Problem("no calendar of this category", remedy, file or None, field="category", value=category)
 
 
 @lru_cache(maxsize=1)

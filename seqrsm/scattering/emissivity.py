@@ -8,6 +8,7 @@ so that H and V meet at nadir and the table stays exact where it stands.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.calendar import canopy_share, season_depth
+from seqrsm.scattering.calendar import SHIPPED, Calendar, season_depth
 from seqrsm.scattering.curves import THETA_DEG, shares_of
 from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, between_nodes, read_curves
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
@@ -169,6 +170,8 @@ class EmissivityTable:
         Shares of other categories, by category, of those that have no curve of their own.
     world : World, OneAway or None
         The world whose means are looked up; None: the table's own.
+    calendar : Calendar
+        Of the ground.
     """
 
     curves: Mapping[str, EmissivityCurve]
@@ -178,6 +181,7 @@ class EmissivityTable:
     mean_sd: Mapping[str, float] = field(default_factory=dict)
     mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     world: World | OneAway | None = None
+    calendar: Calendar = SHIPPED
 
     def in_world(self, world: World | OneAway | None) -> EmissivityTable:
         """The table with its means and field spreads as a world has them; None: as they stand."""
@@ -227,6 +231,10 @@ class EmissivityTable:
         status = tuple(found[name][1] for name in names)
         assumed = [default_mean_sd("emissivity", *own, f, polarization) for own in zip(names, status, strict=True)]
         mean_sd = [self.mean_sd.get(name, sd) for name, sd in zip(names, assumed, strict=True)]
+        if day is not None:
+            course = for_each(names, lambda name: self.calendar.emission(name, f, polarization, day))
+            value = [np.clip(own + course[name][0], 0.0, 1.0) for own, name in zip(value, names, strict=True)]
+            mean_sd = [math.hypot(sd, course[name][1]) for sd, name in zip(mean_sd, names, strict=True)]
         spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
         if self.world is not None:
             away = [sd * self.world.departure(n, "", f, polarization) for n, sd in zip(names, mean_sd, strict=True)]
@@ -242,7 +250,10 @@ class EmissivityTable:
             channel_correlation=spread[:, 2],
             mean_sd=np.array(mean_sd),
             status=status,
-            notes=tuple(dict.fromkeys(note for _, _, notes in found.values() for note in notes)),
+            notes=(
+                *dict.fromkeys(note for _, _, notes in found.values() for note in notes),
+                *(self.calendar.notes(names, polarization) if day is not None else ()),
+            ),
         )
 
     def _heating(self, name: str) -> float:
@@ -262,7 +273,7 @@ class EmissivityTable:
             said = [f"{name} emits as {shares.removeprefix('100% ')} (assumed)"]
             return np.asarray(value), "assumed", (*said, *(note for _, _, notes in parts.values() for note in notes))
         curve = self.curves[name]
-        canopy = 1.0 if day is None else canopy_share(name, day, self.file)
+        canopy = 1.0 if day is None else self.calendar.canopy_share(name, day)
         if not curve.printed:
             return between_nodes(name, curve, f, polarization, self.file)[None], curve.status, (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]

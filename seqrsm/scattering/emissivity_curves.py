@@ -14,7 +14,7 @@ import scipy
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.curves import THETA_DEG, weakest
-from seqrsm.scattering.longtable import Node, by_angle, read_nodes, refuse, stated
+from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated
 
 POLARIZATIONS: Final = ("H", "V")
 
@@ -124,7 +124,7 @@ def read_curves(
 
 def _angles(at: str, block: list[Node], problems: list[Problem]) -> FloatArray:
     """One curve on `THETA_DEG` from its nodes."""
-    nodes = by_angle(block, at, problems)
+    nodes = in_order(block, at, problems)
     if not nodes:
         return np.zeros(THETA_DEG.size)
-    return interpolated([node.theta_deg for node in nodes], [node.value for node in nodes])
+    return interpolated([node.place for node in nodes], [node.value for node in nodes])

@@ -1,4 +1,4 @@
-"""A user's own backscatter table: one CSV row for each node.
+"""A user's own tables: one CSV row for each node.
 
 Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, unit, status, source`` are required;
 ``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]), ``mean_sd`` (standard deviation of
@@ -6,6 +6,9 @@ the mean [dB]; empty: by the status) and ``wind_m_s`` are optional, and so are `
 be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
 Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
 where on gamma is.
+
+A calendar has ``day`` (of the year) in place of ``theta_deg``, and of the optional columns ``mean_sd``. Its ``value``
+is what the day adds to the table's sigma0 [dB] or emissivity [1].
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ REQUIRED: Final = (
     "quantity", "category", "frequency_ghz", "polarization", "theta_deg", "value", "unit", "status", "source",
 )  # fmt: skip
 OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
+CALENDAR: Final = tuple("day" if name == "theta_deg" else name for name in REQUIRED)
 
 EMISSIVITY_GHZ: Final = (0.3, 170.0)
 """Lowest and highest frequency of a table of emissivity [GHz]."""
@@ -41,7 +45,10 @@ _MOST_TOLD: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One good row: value and standard deviations [dB] of sigma0, [1] of emissivity; nan where they are not given."""
+    """One good row: value and standard deviations [dB] of sigma0, [1] of emissivity; nan where they are not given.
+
+    ``place``: incidence angle [deg], or day of the year of a calendar.
+    """
 
     row: Row
     category: str
@@ -49,14 +56,14 @@ class Node:
     frequency_ghz: float
     wind_m_s: float
     channel: str
-    theta_deg: float
+    place: float
     value: float
     sd: float
     mean_sd: float
 
 
-def read_nodes(path: str | Path, quantity: str) -> list[Node]:
-    """Nodes of a quantity's table.
+def read_nodes(path: str | Path, quantity: str | None) -> list[Node]:
+    """Nodes of a quantity's table; None: of a calendar.
 
     Raises
     ------
@@ -64,9 +71,10 @@ def read_nodes(path: str | Path, quantity: str) -> list[Node]:
         No table of these columns, or faults in its rows.
     """
     problems: list[Problem] = []
-    nodes = [_node(row, quantity, problems) for row in read_rows(path, REQUIRED, OPTIONAL)]
+    columns, optional = (REQUIRED, OPTIONAL) if quantity else (CALENDAR, OPTIONAL[-1:])
+    nodes = [_node(row, quantity, problems) for row in read_rows(path, columns, optional)]
     if not nodes:
-        problems.append(Problem("the table has no rows", f"Columns: {', '.join(REQUIRED)}", str(path)))
+        problems.append(Problem("the table has no rows", f"Columns: {', '.join(columns)}", str(path)))
     refuse(problems, path)  # or a curve would seem to lack the nodes of these rows
     return [node for node in nodes if node is not None]
 
@@ -79,17 +87,17 @@ def refuse(problems: list[Problem], path: str | Path) -> None:
         raise ScatteringDataError(*problems[:_MOST_TOLD], *rest)
 
 
-def by_angle(block: list[Node], at: str, problems: list[Problem]) -> list[Node]:
-    """The nodes of one curve by rising angle, two at least; else none, after the fault is appended to ``problems``."""
-    block = sorted(block, key=lambda node: node.theta_deg)
-    angles = [node.theta_deg for node in block]
-    twice = [node for node in block if angles.count(node.theta_deg) > 1]
-    problems += [node.row.problem("theta_deg", f"{at}: the angle is given twice") for node in twice]
-    if len(set(angles)) >= 2:
+def in_order(block: list[Node], at: str, problems: list[Problem], column: str = "theta_deg") -> list[Node]:
+    """The nodes of one curve by rising angle or day, two at least; else none, with the fault added to ``problems``."""
+    block = sorted(block, key=lambda node: node.place)
+    places, what = [node.place for node in block], "day" if column == "day" else "incidence angle"
+    twice = [node for node in block if places.count(node.place) > 1]
+    problems += [node.row.problem(column, f"{at}: the {what.split()[-1]} is given twice") for node in twice]
+    if len(set(places)) >= 2:
         return [] if twice else block
-    message = f"{at}: 1 incidence angle, at least 2 are needed"
+    remedy = f"Give every channel at every frequency{'' if column == 'day' else ' and wind'}"
     file = block[0].row.file if block else None
-    problems.append(Problem(message, "Give every channel at every frequency and wind", file, field="theta_deg"))
+    problems.append(Problem(f"{at}: 1 {what}, at least 2 are needed", remedy, file, field=column))
     return []
 
 
@@ -124,16 +132,22 @@ def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, fl
     return {own: float(np.mean(values)) for own, values in found.items()}
 
 
-def _node(row: Row, quantity: str, problems: list[Problem]) -> Node | None:
+def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | None:
     """The node of a row, or None after its faults are appended to ``problems``."""
-    before = len(problems)
+    before, of_day = len(problems), quantity is None
+    quantity = quantity or row.choice("quantity", problems, ("sigma0", "emissivity"))
+    if len(problems) > before:
+        return None  # what else is wrong depends on it
     if quantity == "sigma0":
         limits, limits_ghz = {"dB": (-100.0, 40.0), "1": (1e-10, 1e4)}, (0.1, 300.0)
         channels, states, most_sd, most_mean_sd = [*POLARIZATIONS, "VH"], ["wind_m_s", "season"], 20.0, 20.0
     else:
         limits, limits_ghz = {"1": (0.0, 1.0)}, EMISSIVITY_GHZ
         channels, states, most_sd, most_mean_sd = ["H", "V"], [], 0.5, 1.0
-    row.choice("quantity", problems, (quantity,))
+    if of_day:
+        limits = {"1": (-1.0, 1.0)} if quantity == "emissivity" else {"dB": (-40.0, 40.0)}
+    else:
+        row.choice("quantity", problems, (quantity,))
     unit = row.choice("unit", problems, tuple(limits))
     row.choice("status", problems, STATUSES)
     empty = [column for column in ("category", "source") if not row.text(column)]
@@ -144,17 +158,17 @@ def _node(row: Row, quantity: str, problems: list[Problem]) -> Node | None:
     season = row.choice("season", problems, _SEASONS) if "season" in stated else _SEASONS[0]
     channel = row.choice("polarization", problems, channels)
     frequency = row.number("frequency_ghz", problems, *limits_ghz)
-    theta = row.number("theta_deg", problems, 0.0, 90.0)
+    place = row.number("day", problems, 1.0, 365.0) if of_day else row.number("theta_deg", problems, 0.0, 90.0)
     wind = row.number("wind_m_s", problems, 0.1, 50.0) if "wind_m_s" in stated else _NO_WIND
     sd = row.number("sd", problems, 0.0, most_sd) if "sd" in stated else np.nan
     mean_sd = row.number("mean_sd", problems, 0.0, most_mean_sd) if "mean_sd" in stated else np.nan
-    value = row.number("value", problems, *limits.get(unit, limits["1"]))
+    value = row.number("value", problems, *limits.get(unit, (-np.inf, np.inf)))
     if len(problems) > before:
         return None
     if quantity == "sigma0" and unit == "1":
         value = float(10.0 * np.log10(value))
     channel = "HV" if channel == "VH" else channel
-    return Node(row, row.text("category"), season, frequency, wind, channel, theta, value, sd, mean_sd)
+    return Node(row, row.text("category"), season, frequency, wind, channel, place, value, sd, mean_sd)
 
 
 def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> Curve | None:
@@ -192,8 +206,8 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
 
 def _resampled(block: list[Node], at: str, problems: list[Problem]) -> FloatArray:
     """Values on the 1-degree grid, linear in dB, held at the ends; gamma held beyond 75 deg and the last angle."""
-    nodes = by_angle(block, at, problems)
+    nodes = in_order(block, at, problems)
     if not nodes:
         return np.full(THETA_DEG.size, np.nan)
-    value = np.interp(THETA_DEG, [node.theta_deg for node in nodes], [node.value for node in nodes])
-    return continued_db(np.asarray(value), nodes[-1].theta_deg)
+    value = np.interp(THETA_DEG, [node.place for node in nodes], [node.value for node in nodes])
+    return continued_db(np.asarray(value), nodes[-1].place)

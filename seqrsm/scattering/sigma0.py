@@ -20,12 +20,12 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import Course, course, level_days, on_day, share_of_c
+from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, on_day, share_of_c
 from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, shipped_curves, weakest
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
+from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -115,6 +115,8 @@ class Sigma0Table:
         The user's file, or "" for the shipped table.
     world : World, OneAway or None
         The world whose means are looked up; None: the table's own.
+    calendar : Calendar
+        Of the ground.
     """
 
     curves: Mapping[tuple[str, str], Curve]
@@ -122,6 +124,7 @@ class Sigma0Table:
     channel_correlation: float
     file: str = ""
     world: World | OneAway | None = None
+    calendar: Calendar = SHIPPED
 
     def in_world(self, world: World | OneAway | None) -> Sigma0Table:
         """The table with its means and field spreads as a world has them; None: as they stand."""
@@ -188,7 +191,7 @@ class Sigma0Table:
             places = [list(found).index(name) for name in names]
             through = self._course(found, frequency, channel, state).of(places)
             value = value + through.at_angles(day, THETA_DEG)
-            sd = np.hypot(sd, through.sd_db * float(on_day(course_deviation(level_days(frequency)), day)))
+            sd = np.hypot(sd, on_day(through.sd_db, day))
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
@@ -207,6 +210,7 @@ class Sigma0Table:
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
                 f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} "
                 "(computed: flevoland)",
+                *(self.calendar.notes(names, channel) if through else ()),
             ),
             course=through,
         )
@@ -216,12 +220,13 @@ class Sigma0Table:
         soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
         level = np.array([item.value_db[_LEVEL_DEG] for item in found.values()])
         bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
-        own = course(tuple(found), frequency_ghz, channel, level, bare, self.file)
-        if self.world is None:
-            return own
-        days, season = level_days(frequency_ghz), self.world.season
-        departure = [season(name, item.kin, frequency_ghz, channel, days) for name, item in found.items()]
-        return replace(own, change_db=own.change_db + own.sd_db[:, None] * np.array(departure))
+        world = self.world
+
+        def season(name: str, days: FloatArray) -> FloatArray:
+            assert world is not None
+            return world.season(name, found[name].kin, frequency_ghz, channel, days)
+
+        return self.calendar.course(tuple(found), frequency_ghz, channel, level, bare, season if world else None)
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))

@@ -149,8 +149,8 @@ def expressions(tables: Tables[ConsiderationSpec], factors: Sequence[Factor], re
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
     """Scene, table and map exist, and no sensor parameter is both a factor and fixed; ``table`` as written."""
     fixed = table.get("fixed")
-    for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", ""), ("known_map", "")):
-        file = table.get(key)
+    for key in ("scene", "table", "calendar", "known_map"):
+        file, more = table.get(key), "; `seqrsm scene import` makes one" if key == "scene" else ""
         if isinstance(file, str) and file and not os.path.isfile(folder / file):
             remedy = f"Give its path from the campaign's folder{more}."
             report.add(("simulator", key), "there is no such file", remedy, file)

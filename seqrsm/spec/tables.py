@@ -273,6 +273,8 @@ class SimulatorSpec(Table):
     engine: Literal["psm", "prm"]
     scene: Annotated[str, Field(min_length=1)]
     table: str = ""
+    calendar: str = ""
+    calendar_shift_days: Annotated[int, Field(ge=-364, le=364)] = 0
     known_map: str = ""
     tolerance: NotNegative = 0.0
     fixed: dict[str, Number | str] = Field(default_factory=dict)

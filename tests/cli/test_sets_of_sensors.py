@@ -164,6 +164,64 @@ def test_check_tells_that_the_calendar_is_of_the_northern_hemisphere(
     assert any("northern hemisphere" in note for note in notes) == expected
 
 
+CALENDAR = "quantity,category,frequency_ghz,polarization,day,value,unit,status,source\n" + "".join(
+    f"sigma0,Grass,{f},{p},{day},{value},dB,assumed,by hand\n"
+    for f, p in ((1.25, "HH"), (5.4, "VV"), (5.4, "HV"))
+    for day, value in ((15, 0.5), (200, -1.5))
+)
+
+
+def with_calendar(tmp_path, tiny_scene, rows=CALENDAR, more=""):
+    given = text().replace('engine = "psm"', f'engine = "psm"\ncalendar = "calendar.csv"{more}')
+    folder = make_tiny(tmp_path / "calendar", tiny_scene, given)
+    (folder / "calendar.csv").write_text(rows, encoding="utf-8")
+    return folder
+
+
+def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, tiny_scene) -> None:
+    folder = with_calendar(tmp_path, tiny_scene)
+    found = told("check", folder)
+    assert "Grass HH: course of calendar.csv (assumed: by hand)" in "\n".join(found["notes"])
+    settings = {"frequency": "C", "dates": 1.0, "first_day": 120.0, "C.resolution": 30.0}
+    drawn = crop_calendar(load_spec(folder), settings)
+    assert drawn is not None
+    assert np.ptp(drawn.sigma0_db[0, 0]) == pytest.approx(2.0)
+    assert seqrsm("run", folder).exit_code in (0, 3)
+    (folder / "calendar.csv").write_text(CALENDAR.replace("-1.5", "-2.5"), encoding="utf-8")
+    stopped = seqrsm("run", folder)
+    assert stopped.exit_code == 2
+    assert "calendar.csv: the file differs from the one earlier runs" in " ".join(stopped.stderr.split())
+    (folder / "calendar.csv").write_text(CALENDAR, encoding="utf-8")
+    toml = folder / "campaign.toml"
+    toml.write_text(toml.read_text().replace('engine = "psm"', 'engine = "psm"\ncalendar_shift_days = 182'))
+    moved = seqrsm("run", folder)
+    assert moved.exit_code == 2
+    assert "calendar_shift_days was not given for earlier runs and is now 182" in " ".join(moved.stderr.split())
+
+
+def test_faults_of_a_calendar_are_told_before_any_run(tmp_path, tiny_scene) -> None:
+    """A wrong row, a channel that it lacks, a cover that the scene lacks, a shift of more than a year, no file."""
+    folder = with_calendar(tmp_path, tiny_scene, CALENDAR.replace("200,-1.5", "1 May,-1.5", 1))
+    for command in ("check", "run"):
+        stopped = seqrsm(command, folder)
+        assert stopped.exit_code == 2
+        assert "calendar.csv:3: day: not a number from 1 to 365 (got '1 May')" in " ".join(stopped.stderr.split())
+    assert not any(told("status", folder)["runs"].values())
+    (folder / "calendar.csv").write_text(CALENDAR.replace(",HV,", ",HH,"), encoding="utf-8")
+    stopped = seqrsm("check", folder)
+    assert stopped.exit_code == 2
+    assert "the calendar has no HV of Grass within an octave of 5.4 GHz" in " ".join(stopped.stderr.split())
+    (folder / "calendar.csv").write_text(CALENDAR + CALENDAR.replace("Grass", "Soybean").partition("\n")[2])
+    idle = "rows of calendar.csv for Soybean have no effect: the scene has Grass, Trees"
+    assert any(note.startswith(idle) for note in told("check", folder)["combinations"])
+    toml = folder / "campaign.toml"
+    for given, words in (("calendar_shift_days = 400", "calendar_shift_days"), ("", "there is no such file")):
+        toml.write_text(text().replace('engine = "psm"', f'engine = "psm"\ncalendar = "other.csv"\n{given}'))
+        stopped = seqrsm("check", folder)
+        assert stopped.exit_code == 2
+        assert words in stopped.stderr
+
+
 @pytest.mark.parametrize("key", ["[simulator.members.C]\ntargets_file", '"C.targets_file"', "targets_file"])
 def test_a_file_of_a_member_lies_in_the_campaign_s_folder_and_is_watched(
     tmp_path, tiny_scene, monkeypatch, key

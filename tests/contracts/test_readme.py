@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
 from seqrsm.cli.guides import topics
+from seqrsm.scattering.calendar import load_calendar
 from seqrsm.scene.file import save_scene
 from seqrsm.spec.read import load_spec
 
@@ -89,8 +90,11 @@ def test_guides_are_shipped() -> None:
 
 
 def test_own_table_and_utility_work_as_written(tmp_path: Path) -> None:
-    (block,) = re.findall(r"((?:    (?:quantity,category|sigma0,).*\n)+)", GUIDE)
-    (tmp_path / "mine.csv").write_text(re.sub(r"^    ", "", block, flags=re.M), encoding="utf-8")
+    for name, block in zip(
+        ("mine.csv", "crops.csv"), re.findall(r"((?:    (?:quantity,category|sigma0,).*\n)+)", GUIDE), strict=True
+    ):
+        (tmp_path / name).write_text(re.sub(r"^    ", "", block, flags=re.M), encoding="utf-8")
+    assert load_calendar(tmp_path / "crops.csv").own["Soybean"]["HV"].change[0, 29] == 0.5
     (code,) = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.S)
     (tmp_path / "mine.py").write_text(code, encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.S)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import validate_flevoland as flevoland
 
-from seqrsm.scattering.calendar import canopy_share
+from seqrsm.scattering.calendar import SHIPPED
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
@@ -176,7 +176,7 @@ def skills(worlds: int) -> list[str]:
         scene = one_cover(cover)
         for day in days:
             model = table.models[cover]
-            water = 1.0 if day is None else canopy_share(cover, day, "")
+            water = 1.0 if day is None else SHIPPED.canopy_share(cover, day)
             depth = water * model.tau_20ghz * (1.4 / 20.0) ** model.tau_exponent
             cells = []
             for frequency in BANDS:
