@@ -45,7 +45,7 @@ class RadarConfiguration:
     frequency_ghz : float
         Carrier frequency [GHz], 0.1 to 100.
     channels : tuple of str
-        Polarization channels imaged together, of HH, HV, VV, VH, RH, RV: transmitted, then received; R is circular.
+        Polarization channels imaged together, of HH, HV, VV, VH, or of RH, RV: transmitted, then received; R is circular.
         Transmit polarizations take turns and share the pulses.
     resolution_m : float
         Side of the final resolution cell on the ground [m].
@@ -438,6 +438,9 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if {"HV", "VH"} <= set(radar.channels):
         text = "HV and VH carry the same information"
         yield at_fault(radar, "polarization", text, "Omit one: HH+HV+VV is complete")
+    if len({channel[0] == "R" for channel in radar.channels}) > 1:
+        text = "a radar sends circular waves or linear ones: from both linear ones every other follows"
+        yield at_fault(radar, "polarization", text, "Use RH+RV, or HH+HV+VV")
     if radar.scan == "ppi":
         if radar.aperture != "real":
             yield at_fault(radar, "aperture", "a rotating antenna forms no synthetic aperture", 'Add aperture = "real"')
