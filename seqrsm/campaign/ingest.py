@@ -94,7 +94,8 @@ def ingest_files(
     for source in sources:
         try:
             text = table_text(source)
-            read.append((_read_rankings if is_rankings_file(text, only_ranked) else _read_scores)(spec, text))
+            ranks = is_rankings_file(text, only_ranked)
+            read.append(_read_rankings(spec, text) if ranks else _read_scores(spec, text, store))
         except ScoresFileError as error:
             problems += error.problems
     if problems:
@@ -153,9 +154,10 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     )
 
 
-def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
+def _read_scores(spec: CampaignSpec, text: TableText, store: Store) -> _Read:
     measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
-    file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block")
+    proposed = {run.run_id: run.settings for run in store.runs()}
+    file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block", proposed)
     for score in file.scores:
         if spec.application(score.application).utility == "rank":
             message, remedy = (f"the scores of '{score.application}' come from rankings", "Give rankings.")
@@ -163,7 +165,10 @@ def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    return ingested, outside, file.unscored, _remarks(outside, file.unscored), file
+    remarks = _remarks(outside, file.unscored)
+    if not file.told:
+        remarks.append("No settings are given: those of the runs named are taken.")
+    return ingested, outside, file.unscored, remarks, file
 
 
 def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:

@@ -216,14 +216,19 @@ class CellReader:
     def missing(self, line: int) -> None:
         """Columns that must be there and are not."""
         free = self.free_columns()
-        hints = {one.name: _rename_hint(one, free) for one in self.factors if one.name not in self.columns}
-        if free and len(hints) == len(self.factors) and set(hints.values()) == {_ADD}:
-            remedy = f"Begin the file with a line of names: {', '.join(hints)}."
+        if free and self.no_factor():
+            remedy = f"Begin the file with a line of names: {', '.join(one.name for one in self.factors)}."
             self.add("this line is no header: it names no factor", remedy, line)
             return
-        for name, hint in hints.items():
-            self.add("no column for this factor", hint, line, name)
+        for one in self.factors:
+            if one.name not in self.columns:
+                self.add("no column for this factor", _rename_hint(one, free), line, one.name)
         self.missing_application(line)
+
+    def no_factor(self) -> bool:
+        """Whether no column is a factor's, nor may be one under another name."""
+        free = self.free_columns()
+        return all(one.name not in self.columns and _rename_hint(one, free) == _ADD for one in self.factors)
 
     def missing_application(self, line: int) -> None:
         """The column that tells one application from another."""

@@ -1,10 +1,11 @@
 """Files of measured scores: what a flight crew or an interpreter hands in.
 
 A table as text, UTF-8 with or without a byte order mark, cells separated by comma, semicolon, tab or ``|``. One column
-for each factor by its name, in natural units, and ``score``; optional ``run_id``, ``application``, ``se``, ``n`` and
-``correct``, ``block``, ``source``, ``date``, ``note``; every other column is kept as metadata. A factor's column may
-name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is converted. Lines before the header that begin with
-``#``, and a spreadsheet's ``sep=;``, are passed over. Where no comma separates cells, numbers may have a decimal comma.
+for each factor by its name, in natural units (or none, where every row has a ``run_id``), and ``score``; optional
+``run_id``, ``application``, ``se``, ``n`` and ``correct``, ``block``, ``source``, ``date``, ``note``; every other
+column is kept as metadata. A factor's column may name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is
+converted. Lines before the header that begin with ``#``, and a spreadsheet's ``sep=;``, are passed over. Where no comma
+separates cells, numbers may have a decimal comma.
 
 Nothing is guessed: what cannot be read for certain is an error with its line and column, and all errors come at once.
 """
@@ -79,6 +80,8 @@ class ScoresFile:
         Lines whose score is still empty.
     near : tuple of (str, str)
         Columns of the user's own that are nearly named as one that has a meaning, and that.
+    told : bool
+        Whether it has settings; else they are those of its runs.
     """
 
     name: str
@@ -86,10 +89,15 @@ class ScoresFile:
     scores: tuple[MeasuredScore, ...]
     unscored: tuple[int, ...]
     near: tuple[tuple[str, str], ...] = ()
+    told: bool = True
 
 
 def read_scores(
-    source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure], block: str = "block"
+    source: TableSource,
+    factors: Sequence[FactorColumn],
+    measures: Sequence[Measure],
+    block: str = "block",
+    runs: Mapping[int, Mapping[str, float | str]] | None = None,
 ) -> ScoresFile:
     """Read a file, or a table, of measured scores.
 
@@ -98,11 +106,13 @@ def read_scores(
     source : Path, str, DataFrame or TableText
         See `seqrsm.score.table.table_text`.
     factors : sequence of FactorColumn
-        Every factor must have its column.
+        Every factor must have its column, or none.
     measures : sequence of Measure
         The campaign's applications; with one, the column ``application`` may be absent.
     block : str
         Column that the campaign takes blocks from.
+    runs : Mapping, optional
+        Settings by run id.
 
     Raises
     ------
@@ -110,9 +120,12 @@ def read_scores(
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
     reader = _Reader(source, factors, measures)
+    reader.runs = runs or {}
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block))
+    return ScoresFile(
+        reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block), reader.told
+    )
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:
@@ -128,9 +141,15 @@ class _Reader(CellReader):
     """Turns the cells of a table into scores."""
 
     optional = OPTIONAL
+    runs: Mapping[int, Mapping[str, float | str]]
+    told = True
 
     def missing(self, line: int) -> None:
-        super().missing(line)
+        self.told = "run_id" not in self.columns or not self.no_factor()
+        if self.told:
+            super().missing(line)
+        else:
+            self.missing_application(line)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
             free = self.free_columns()
             near = [name for name in free if "score" in name.casefold() or "percent" in name.casefold()]
@@ -179,7 +198,14 @@ class _Reader(CellReader):
         text = {name: self.cell(cells, name) for name in OPTIONAL}
         run_id = self.whole(text["run_id"], line, "run_id", 1)
         application = self.application(text["application"], line)
-        settings = {factor.name: self.setting(factor, cells, line) for factor in self.factors}
+        if self.told:
+            settings = {factor.name: self.setting(factor, cells, line) for factor in self.factors}
+        else:
+            settings = dict(self.runs.get(run_id or 0, {}))
+            if not settings:
+                remedy = "Give the id of a proposed run, or a column for each factor."
+                message = "there is no such run" if run_id else "the cell is empty"
+                self.add(message, remedy, line, "run_id", run_id)
         if run_id is not None and application:
             first = self.seen.setdefault((run_id, application), line)
             if first != line:

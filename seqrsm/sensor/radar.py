@@ -45,7 +45,7 @@ class RadarConfiguration:
     frequency_ghz : float
         Carrier frequency [GHz], 0.1 to 100.
     channels : tuple of str
-        Polarization channels imaged together, of HH, HV, VV, VH, or of RH, RV: transmitted, then received; R is circular.
+        Polarization channels imaged together, HH, HV, VV, VH, or RH, RV: transmitted, then received; R is circular.
         Transmit polarizations take turns and share the pulses.
     resolution_m : float
         Side of the final resolution cell on the ground [m].

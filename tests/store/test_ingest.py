@@ -109,6 +109,37 @@ def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
     assert [run.executed for run in store.runs()] == settings
 
 
+def test_a_form_without_settings_is_of_the_runs_that_it_names(campaign, store):
+    """Flown as proposed, and said so; the same scores again, with settings or without, are no new ones."""
+    settings = [{"frequency": 2.0, "looks": 4.0, "polarization": p} for p in ("HH", "VV", "HH")]
+    store.add_batch([NewRun(s, source="flight") for s in settings], issue=True)
+    report = campaign("run_id,score,pilot\n1,70,Ann\n2,71,Bob\n3,,Bob\n")
+    assert (report.matched, report.created, report.unscored) == ((1, 2), (), (4,))
+    assert "No settings are given: those of the runs named are taken." in report.messages
+    assert [run.executed for run in store.runs()[:2]] == settings[:2]
+    assert store.runs()[0].score_of("crops").metadata == {"pilot": "Ann"}
+    assert campaign("run_id,score\n1,70\n2,71\n3,72\n").matched == (3,)
+    assert campaign("run_id," + HEADER + "\n1,2,4,HH,70\n").unchanged == (1,)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("run_id,score\n1,70\n9,71\n", r"scores\.csv:3: run_id: there is no such run \(got 9\)"),
+        ("run_id,score\n1,70\n,71\n", r"scores\.csv:3: run_id: the cell is empty"),
+        ("run_id,Freq [GHz],score\n1,2,70\n", r"Rename the column 'Freq \[GHz\]' to 'frequency \[GHz\]'"),
+        ("run_id,looks,score\n1,4,70\n", "frequency: no column for this factor"),
+        ("flight,score\n1,70\n", "it names no factor"),
+    ],
+)
+def test_without_settings_every_run_is_named_or_nothing_taken(campaign, store, text, words):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="flight")], issue=True)
+    before = snapshot(store)
+    with pytest.raises(ScoresFileError, match=words):
+        campaign(text)
+    assert snapshot(store) == before
+
+
 def test_outside_the_region_is_kept_with_a_remark(campaign, store):
     report = campaign(HEADER + "\n2,4,HH,70\n20,4,HH,71\n2,5,HH,72\n1,16,HH,73\n")
     assert report.outside_region == (3, 4, 5)
