@@ -94,12 +94,17 @@ class Plan:
         return self.runs >= self.asked and narrow and not self.loss > most_loss
 
 
+def telling(value: float, target: float, digits: int) -> int:
+    """Digits, so many at least, with which a half-width is told on its own side of the target."""
+    return next((d for d in range(digits, 9) if (float(f"{value:.{d}g}") > target) == (value > target)), 9)
+
+
 def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, most_loss: float, unit: str) -> str:
     """What would reach targets that the campaign as it is does not, the least loss first; in sentences."""
 
     def told(plan: Plan) -> str:
-        half, loss = (f"{value:.3g} {unit}".rstrip() for value in (plan.half_width, plan.loss))
-        return f"half-width {half}, loss {loss}"
+        half = f"{plan.half_width:.{telling(plan.half_width, target, 3)}g} {unit}".rstrip()
+        return f"half-width {half}, loss {plan.loss:.3g} {unit}".rstrip()
 
     budget = plans[0].runs
     good, more = (
@@ -119,7 +124,7 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, most_los
     least = min(plan.half_width for plan in widths)
     near = min((plan for plan in widths if plan.half_width <= _AS_NARROW * least), key=lambda plan: plan.loss)
     how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
-    return f"No plan of these reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
+    return f"Nearest: {how} ({told(near)}). Widen [stop] half_width to that, or more."
 
 
 def random_surfaces(

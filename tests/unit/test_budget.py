@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
+from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, telling, way_out
 from seqrsm.cli.app import app
 from seqrsm.decide.stopping import StopRule
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -133,14 +133,25 @@ def test_more_runs_give_more_and_too_few_say_so() -> None:
     assert words.startswith("With 20 runs: ")
     assert "max_runs = 26" in words
     assert {plan.change.split(" ")[0] for plan in plans} == {"", "[model]", "[stop]", "a", "b", "q"}
-    assert "widen [stop] half_width to that" in way_out(plans, over, 0.1, np.nan, "percent")
+    assert "Widen [stop] half_width to that" in way_out(plans, over, 0.1, np.nan, "percent")
 
 
 def test_where_nothing_reaches_the_target_the_loss_decides_among_what_is_about_as_narrow() -> None:
     whole = Plan("", 120, 18, 54, 17.0, 0.7)
     fixed, first = Plan("b fixed at 1", 120, 12, 36, 16.5, 20.0), Plan("[model] order = 1", 120, 6, 18, 30.0, 0.1)
     words = way_out([whole, fixed, first], [Plan("", 18, 18, 54, float("nan"), float("nan"))], 14.0, np.nan, "percent")
-    assert words.startswith("No plan of these reaches it; 120 runs come near (half-width 17 percent, loss 0.7 percent)")
+    assert words.startswith("Nearest: 120 runs (half-width 17 percent, loss 0.7 percent). Widen [stop] half_width to")
+
+
+def test_a_half_width_that_misses_the_target_is_not_told_as_the_target() -> None:
+    """9.004 is no 9 beside a target of 9, neither in the sentence nor in the table."""
+    plan = Plan("", 270, 18, 54, 9.004, 0.7)
+    assert "(half-width 9.004 percent, loss 0.7 percent)" in way_out([plan], [], 9.0, np.nan, "percent")
+    assert "Set max_runs = 300 (half-width 8.996 percent" in way_out(
+        [replace(plan, half_width=9.2)], [replace(plan, runs=300, half_width=8.996)], 8.999, np.nan, "percent"
+    )
+    assert [telling(value, 9.0, 2) for value in (9.2, 9.04, 8.96, 9.0)] == [2, 3, 2, 2]
+    assert telling(1.234, float("nan"), 2) == 2
 
 
 SPEC = """\

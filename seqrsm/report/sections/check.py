@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from seqrsm.campaign.budget import Plan
+from seqrsm.campaign.budget import Plan, telling
 from seqrsm.campaign.check import CheckResult
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_plain, format_significant
@@ -58,13 +58,13 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         return []
     known = math.isfinite(result.target)
 
-    def amount(value: float) -> str:
-        return format_significant(value, 2) if math.isfinite(value) else "-"
+    def amount(value: float, digits: int = 2) -> str:
+        return format_significant(value, digits) if math.isfinite(value) else "-"
 
     def numbers(plan: Plan) -> tuple[str, str, str]:
         reach = "yes" if plan.reaches(result.target, result.most_loss) else "no"
         return (
-            amount(plan.half_width),
+            amount(plan.half_width, telling(plan.half_width, result.target, 2)),
             amount(plan.loss),
             reach if plan.runs >= plan.asked else f"needs {plan.asked} runs",
         )
