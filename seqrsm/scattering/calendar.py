@@ -33,7 +33,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated
-from seqrsm.scattering.readers import Row, shipped_rows
+from seqrsm.scattering.readers import COVER, Row, shipped_rows
 from seqrsm.scattering.worlds import course_deviation, default_mean_sd
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
@@ -267,7 +267,7 @@ class Calendar:
         missing = [name for name in dict.fromkeys(categories) if name not in known]
         if missing:
             text, file = "no calendar of this category", self.file or None
-            raise ScatteringDataError(*(Problem(text, remedy, file, field="category", value=name) for name in missing))
+            raise ScatteringDataError(*(Problem(text, remedy, file, field=COVER, value=name) for name in missing))
         return [known[name] for name in categories]
 
     def _of_own(self, category: str, frequency_ghz: float, channel: str) -> tuple[FloatArray, float]:

@@ -95,9 +95,7 @@ def in_order(block: list[Node], at: str, problems: list[Problem], column: str = 
     problems += [node.row.problem(column, f"{at}: the {what.split()[-1]} is given twice") for node in twice]
     if len(set(places)) >= 2:
         return [] if twice else block
-    remedy = f"Give every channel at every frequency{'' if column == 'day' else ' and wind'}"
-    file = block[0].row.file if block else None
-    problems.append(Problem(f"{at}: 1 {what}, at least 2 are needed", remedy, file, field=column))
+    problems.append(block[0].row.problem(column, f"{at}: 1 {what}, at least 2 are needed", "Add rows"))
     return []
 
 
@@ -181,7 +179,8 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
     for (w, wind), (f, frequency), channel in product(enumerate(winds), enumerate(frequencies), channels):
         block = [n for n in nodes if (n.wind_m_s, n.frequency_ghz, n.channel) == (wind, frequency, channel)]
         at = f"{key[0]}, {key[1]}, {frequency:g} GHz, {channel}"
-        value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
+        if block:
+            value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
     if len(problems) > before:
         return None
     status = [weakest(n.row.text("status") for n in nodes if n.frequency_ghz == f) for f in frequencies]

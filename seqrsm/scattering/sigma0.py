@@ -270,9 +270,8 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway 
     c = POLARIZATIONS.index(channel)
     at_channel, sd = values[c], sds[c]
     if np.isnan(at_channel).any():
-        raise ScatteringDataError(
-            f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization"
-        )
+        text = f"the table has no {channel} of {curve.category} for {state.frequency_ghz:g} GHz"
+        raise ScatteringDataError(text, "Add its rows at every frequency of the category", field="polarization")
     if world is not None and sd > 0.0:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
     return _Found(at_channel, sd, statuses[c], curve.kin, notes)

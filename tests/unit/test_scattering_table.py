@@ -218,7 +218,7 @@ def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
         ("sigma0,Wheat,5,HH,monsoon,20,-10,,dB,measured,me", r"own\.csv:2: season"),
         ("sigma0,Wheat,5,HH,,20,-10,-1,dB,measured,me", r"own\.csv:2: sd"),
         ("sigma0,Wheat,5,HH,,20", r"own\.csv:2: 6 cells, the header has 11"),
-        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"1 incidence angle, at least 2"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: theta_deg: Wheat.*1 incidence angle, at least 2"),
         ('sigma0,"Wheat,5,HH,,20,-10,,dB,measured,me', r"own\.csv:2: not a CSV line"),
     ],
 )
@@ -227,6 +227,19 @@ def test_bad_user_rows(tmp_path: Path, bad: str, place: str) -> None:
     path.write_text(HEADER + bad + "\n", encoding="utf-8")
     with pytest.raises(ScatteringDataError, match=place):
         load_sigma0_table(path)
+
+
+def test_channels_may_differ_from_band_to_band(tmp_path: Path) -> None:
+    """A radar of HH in L band beside one of VV in C band asks for no other row."""
+    path = tmp_path / "own.csv"
+    rows = [f"sigma0,Hops,{f},{p},,{t},-10,,dB,measured,me\n" for f, p in ((1.25, "HH"), (5.4, "VV")) for t in (20, 60)]
+    path.write_text(HEADER + "".join(rows), encoding="utf-8")
+    table = load_sigma0_table(path)
+    for frequency, channel, other in ((1.25, "HH", "VV"), (5.4, "VV", "HH")):
+        assert table.lookup(["Hops"], frequency, channel).sigma0[0, 40] == pytest.approx(0.1)
+        for near in (frequency, 3.0):
+            with pytest.raises(ScatteringDataError, match=f"the table has no {other} of Hops for {near:g} GHz"):
+                table.lookup(["Hops"], near, other)
 
 
 def test_all_bad_rows_at_once_and_duplicates(tmp_path: Path) -> None:
