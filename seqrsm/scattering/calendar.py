@@ -255,8 +255,10 @@ class Calendar:
         return float(on_day(change, day)), sd
 
     def notes(self, categories: tuple[str, ...], channel: str) -> tuple[str, ...]:
-        """What the user's courses of a channel rest on."""
-        return tuple(self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
+        """What the user's courses of a channel rest on, and by how much the shipped ones are moved."""
+        moved = f"the built-in calendar of crops comes {self.late_days} days later (as configured)"
+        own = (self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
+        return (*((moved,) if self.late_days else ()), *own)
 
     def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
         """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""

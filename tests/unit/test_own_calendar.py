@@ -92,6 +92,7 @@ def test_an_own_course_is_what_its_rows_say_the_year_round(tmp_path):
     assert between.change_db[1, 14] == pytest.approx(0.25)
     assert between.sd_db[1, 14] == pytest.approx(0.9)
     assert any("course of calendar.csv (measured: my plots)" in note for note in found.notes)
+    assert "the built-in calendar of crops comes 100 days later (as configured)" in found.notes
     here, moved = (replace(TABLE, calendar=c).lookup(CROPS, 5.0, "VV", day=150) for c in (SHIPPED, table.calendar))
     assert here.sigma0[0, 40] != pytest.approx(table.lookup(CROPS, 5.0, "VV", day=150).sigma0[0, 40])
     assert here.sigma0[0, 40] == pytest.approx(table.lookup(CROPS, 5.0, "VV", day=250).sigma0[0, 40])

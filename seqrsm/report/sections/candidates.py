@@ -184,7 +184,7 @@ def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
         parts.append(f"larger than the scene of {wide} by {long}\u00a0km, which it cannot resolve")
     dates = row.get("dates")
     if dates:
-        days = listing([f"{day:g}" for day in dates["used"]])
+        days = listing([f"{day:.0f}" for day in dates["used"]])
         offered = "" if dates["offered"] is None else f" of {dates['offered']} available in the season"
         parts.append(f"days {days}{offered}")
     for kind in ("recalled", "assumed"):
