@@ -103,8 +103,8 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, most_los
     """What would reach targets that the campaign as it is does not, the least loss first; in sentences."""
 
     def told(plan: Plan) -> str:
-        half = f"{plan.half_width:.{telling(plan.half_width, target, 3)}g} {unit}".rstrip()
-        return f"half-width {half}, loss {plan.loss:.3g} {unit}".rstrip()
+        digits = telling(plan.half_width, target, 3)
+        return f"half-width {plan.half_width:.{digits}g} {unit}".rstrip() + f", loss {plan.loss:.3g} {unit}".rstrip()
 
     budget = plans[0].runs
     good, more = (

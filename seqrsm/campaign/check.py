@@ -30,7 +30,7 @@ from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_prob
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
-from seqrsm.scattering.calendar import fields_by_category
+from seqrsm.scattering.calendar import has_course
 from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
@@ -372,16 +372,12 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
     """Where the tables end: radars of a set in bands too near to know how much alike they see the ground; the south."""
     task = task_of(spec, 0, settings)
     made, scene = task.acquisitions, scene_at(task.scene)
-    south = (scene.epsg or 0) // 100 == _UTM_SOUTH
-    south = south or any(getattr(one.sensor, "latitude_deg", 0.0) < 0.0 for one in made)
+    south = (scene.epsg or 0) // 100 == _UTM_SOUTH or any(getattr(o.sensor, "latitude_deg", 0.0) < 0.0 for o in made)
     own = task.scattering(task.engine).calendar.own
-    crops = [name for name, kept in fields_by_category().items() if kept.group != "even" and name not in own]
-    there = ", ".join(name for name in scene.categories if name in crops)
-    if south and made[0].visit.day is not None and there and not task.late_days:
-        yield (
-            f"{there}: the built-in calendar is of the northern hemisphere, the scene in the southern; "
-            "set [simulator] calendar_shift_days = 182, or give rows in a calendar"
-        )
+    crops = [name for name in scene.categories if has_course(name) and name not in own]
+    if south and made[0].visit.day is not None and crops and not task.late_days:
+        where = "the built-in calendar is of the northern hemisphere, the scene in the southern"
+        yield f"{', '.join(crops)}: {where}; set [simulator] calendar_shift_days = 182, or give rows in a calendar"
     bands = sorted({one.sensor.frequency_ghz for one in made if isinstance(one.sensor, RadarConfiguration)})
     for low, high in pairwise(bands):
         if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:

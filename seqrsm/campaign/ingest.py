@@ -1,10 +1,11 @@
 """Measured scores into the campaign: rows of a file are matched with proposed runs, all or nothing.
 
-A row with a ``run_id`` is the score of that run; the settings of the row are kept beside the proposed ones. A row
-without one becomes a new run: flights that nobody proposed and old data are welcome, and settings outside the region
-are accepted with a remark. Rows that follow one another with the same settings and different applications are one run.
-Rows that say what an earlier file has said already are recognised, with or without run id, and never doubled. A file
-with the columns ``interpreter`` and ``rank`` holds rankings, from which scores follow.
+A row with a ``run_id`` is the score of that run; the settings of the row are kept beside the proposed ones. In a file
+without any settings these are those of the runs. A row without one becomes a new run: flights that nobody proposed and
+old data are welcome, and settings outside the region are accepted with a remark. Rows that follow one another with the
+same settings and different applications are one run. Rows that say what an earlier file has said already are
+recognised, with or without run id, and never doubled. A file with the columns ``interpreter`` and ``rank`` holds
+rankings, from which scores follow.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_uni
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
-from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
+from seqrsm.score.flight import MeasuredScore, ScoresFile, names_runs_alone, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 from seqrsm.score.table import TableSource, TableText, table_text
 from seqrsm.spec.read import CampaignSpec
@@ -94,8 +95,7 @@ def ingest_files(
     for source in sources:
         try:
             text = table_text(source)
-            ranks = is_rankings_file(text, only_ranked)
-            read.append(_read_rankings(spec, text) if ranks else _read_scores(spec, text, store))
+            read.append((_read_rankings if is_rankings_file(text, only_ranked) else _read_scores)(spec, text, store))
         except ScoresFileError as error:
             problems += error.problems
     if problems:
@@ -156,8 +156,10 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
 
 def _read_scores(spec: CampaignSpec, text: TableText, store: Store) -> _Read:
     measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
-    proposed = {run.run_id: run.settings for run in store.runs()}
-    file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block", proposed)
+    factors = factor_columns(spec.factors)
+    bare = names_runs_alone(text, factors)
+    file = read_scores(text, () if bare else factors, measures, spec.model.block or "block")
+    file = _as_recorded(file, store) if bare else file
     for score in file.scores:
         if spec.application(score.application).utility == "rank":
             message, remedy = (f"the scores of '{score.application}' come from rankings", "Give rankings.")
@@ -165,13 +167,21 @@ def _read_scores(spec: CampaignSpec, text: TableText, store: Store) -> _Read:
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    remarks = _remarks(outside, file.unscored)
-    if not file.told:
-        remarks.append("No settings are given: those of the runs named are taken.")
-    return ingested, outside, file.unscored, remarks, file
+    remarks = ["No settings are given: those of the runs named are taken."] if bare else []
+    return ingested, outside, file.unscored, [*remarks, *_remarks(outside, file.unscored)], file
 
 
-def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
+def _as_recorded(file: ScoresFile, store: Store) -> ScoresFile:
+    """The scores of a file without settings, with those of the runs that its rows name."""
+    known = {run.run_id: dict(run.settings) for run in store.runs()}
+    wrong = [row for row in file.scores if row.run_id not in known]
+    if wrong:
+        text, remedy = "no run has this id", "Give that of a proposed run, or a column for each factor."
+        raise ScoresFileError(*(Problem(text, remedy, file.name, row.line, "run_id", row.run_id) for row in wrong))
+    return replace(file, scores=tuple(replace(row, settings=known[row.run_id or 0]) for row in file.scores))
+
+
+def _read_rankings(spec: CampaignSpec, text: TableText, _: Store) -> _Read:
     ranked = [application for application in spec.applications if application.utility == "rank"]
     name = text.name
     if not ranked:

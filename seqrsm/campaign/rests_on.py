@@ -10,7 +10,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
-from seqrsm.scattering.calendar import on_day
+from seqrsm.scattering.calendar import has_course, on_day
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.sensor.sets import day_of_year
@@ -74,14 +74,12 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
     scene, made = scene_at(task.scene), task.acquisitions
     radars = {one.member: one for one in made if isinstance(one.sensor, RadarConfiguration) and one.visit.days}
     cells = _scored_cells(scene)
-    if not radars:
-        return None
-    first = next(iter(radars.values()))
-    where = first.sensor.frequency_ghz, GROUND_OF[first.sensor.channels[0]]
-    even = task.scattering(first.engine).lookup(scene.categories, *where, day=first.visit.day).course.even
-    grown = [k for k in np.argsort(-cells) if cells[k] and not even[k]]
-    crops = tuple(scene.categories[k] for k in grown[:_CROPS])
-    if not crops:
+    own = task.scattering(task.engine).calendar.own
+    grown = [
+        name for k in np.argsort(-cells) if cells[k] and ((name := scene.categories[k]) in own or has_course(name))
+    ]
+    crops = tuple(grown[:_CROPS])
+    if not radars or not crops:
         return None
     channels, levels = [], []
     for one in radars.values():

@@ -31,7 +31,7 @@ from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.sensor.sets import Member, day_of_year, members_of, refuse_long
+from seqrsm.sensor.sets import NEXT_YEAR, YEAR_DAYS, Member, day_of_year, members_of
 from seqrsm.simulate.runner import local_file
 from seqrsm.simulate.visits import Visit
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem, placed
@@ -93,7 +93,9 @@ def acquisitions_of(
         text = f"the sensor {name} of the set has no date, others have"
         raise ConfigurationError(text, "Give first_day to all of them, or to none", field="first_day")
     days = tuple(sorted({day for member in found for day in member.dates.on}))
-    refuse_long(days, "the dates of the set", "first_day")
+    if days and days[-1] - days[0] >= YEAR_DAYS:
+        text = f"the dates span {days[-1] - days[0]:g} days, more than one year of crops"
+        raise ConfigurationError(text, f"Give fewer dates or a shorter interval. {NEXT_YEAR}", field="first_day")
     return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
 
 
@@ -219,21 +221,18 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
             raise SpecError(*(placed(spec, one, "application", k, "utility") for one in error.problems)) from error
     place = partial(_placed, file=lambda path: str(spec.folder / path), function=partial(located, spec.folder))
     given = {name: getattr(spec.simulator, name) for name in _FILES}
-    files = {name: str(spec.folder / path) if path else "" for name, path in given.items()}
+    files: dict[str, Any] = {name: str(spec.folder / path) if path else "" for name, path in given.items()}
     task = SimulationTask(
-        spec.simulator.engine,
-        run_id,
-        spec.seed,
-        dict(settings),
-        place(spec.simulator.fixed),
-        str(spec.scene_path),
-        files["table"],
-        utilities,
-        cells,
-        {name: place(own) for name, own in spec.simulator.members.items()},
-        known_map=files["known_map"],
-        calendar=files["calendar"],
+        engine=spec.simulator.engine,
+        run_id=run_id,
+        seed=spec.seed,
+        settings=dict(settings),
+        fixed=place(spec.simulator.fixed),
+        utilities=utilities,
+        cells=cells,
+        members={name: place(own) for name, own in spec.simulator.members.items()},
         late_days=spec.simulator.calendar_shift_days,
+        **files,
     )
     return task if run_id == NO_RUN else replace(task, world=run_id)
 
@@ -426,8 +425,7 @@ def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[
     assert spec.simulator is not None
     shipped = ENGINES[spec.simulator.engine].table("").curves
     table = task.scattering(spec.simulator.engine)
-    new = [key for key, curve in table.curves.items() if curve is not shipped.get(key)]
-    own = [key if isinstance(key, str) else key[0] for key in new]
+    own = (k if isinstance(k, str) else k[0] for k, curve in table.curves.items() if curve is not shipped.get(k))
     notes = []
     for file, names in ((spec.simulator.table, own), (spec.simulator.calendar, table.calendar.own)):
         if idle := [name for name in dict.fromkeys(names) if name not in scene.categories]:

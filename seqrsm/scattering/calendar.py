@@ -12,18 +12,16 @@ band the course is linear in the logarithm of frequency; X and Ku bands follow C
 (assumed). A radiometer sees the same canopy.
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
-late (`data/calendar_fields.csv`). All dates see the same draw of them.
-
-All this is of Europe. On other ground it may come some days later, and covers may have a course of the user's own.
+late (`data/calendar_fields.csv`). All dates see the same draw of them. All this is of Europe: elsewhere it may come
+some days later, and covers may have a course of the user's own.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from dataclasses import fields as dataclass_fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -32,9 +30,9 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated
+from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 from seqrsm.scattering.readers import COVER, Row, shipped_rows
-from seqrsm.scattering.worlds import course_deviation, default_mean_sd
+from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -110,10 +108,6 @@ class Course:
     shift_days: FloatArray
     even: FloatArray
 
-    def of(self, categories: list[int]) -> Course:
-        """The same of some of the categories, by their places; repeats allowed."""
-        return Course(**{own.name: getattr(self, own.name)[categories] for own in dataclass_fields(self)})
-
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
         beyond = np.clip(theta_deg, *_HELD_DEG) - _THETA_DEG
@@ -163,14 +157,8 @@ class OwnCourse(NamedTuple):
 class Calendar:
     """The calendar of some ground, made by `load_calendar`.
 
-    Attributes
-    ----------
-    own : Mapping
-        The user's courses by category, and in it by channel: HH, HV, VV of sigma0, H, V of emissivity.
-    late_days : int
-        By which the shipped courses come later on this ground than in Europe [d].
-    file : str
-        The user's file, or "".
+    ``own``: courses of the user's ``file`` ("": none) by category, and in it by channel: HH, HV, VV of sigma0, H, V of
+    emissivity. ``late_days``: by which the shipped courses come later on this ground than in Europe [d].
     """
 
     own: Mapping[str, Mapping[str, OwnCourse]] = field(default_factory=dict)
@@ -180,30 +168,18 @@ class Calendar:
     def course(
         self,
         categories: tuple[str, ...],
+        kin: Mapping[str, str],
         frequency_ghz: float,
         channel: str,
         level_db: FloatArray,
         soil_db: float,
-        season: Callable[[str, FloatArray], FloatArray] | None = None,
+        world: World | OneAway | None,
     ) -> Course:
-        """Course of the backscatter of categories through the year.
+        """Course of the backscatter of categories through the year, departing as in a world.
 
-        Parameters
-        ----------
-        categories : tuple of str
-        frequency_ghz : float
-        channel : {"HH", "HV", "VV"}
-        level_db : float64 array (n_categories,)
-            The table's sigma0 at 40 degrees [dB].
-        soil_db : float
-            That of bare soil.
-        season : callable or None
-            Category and weights of days as of `level_days` -> standard departure (365,) of the ground's course.
-
-        Raises
-        ------
-        ScatteringDataError
-            Categories without a calendar, or without rows of this channel and frequency in the user's.
+        ``kin``: class by category, as of `World.departure`. ``level_db`` (n_categories,) and ``soil_db``: the table's
+        sigma0 of them and of bare soil at 40 degrees [dB]. ScatteringDataError tells of categories without a calendar,
+        or without rows in the user's.
         """
         rows, cross = self._fields(categories), int(channel == "HV")
         years = np.empty((4, len(rows), DAYS.size))
@@ -217,24 +193,16 @@ class Calendar:
                 if row.group != "even":
                     cover, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
                     tilt, spread = -_TILT_DB_PER_DEG * (cover[_FLIGHTS].mean() - cover), 2.0 - cover
-            if season is not None:
-                change = change + sd * season(name, days)
+            if world is not None:
+                change = change + sd * world.season(name, kin[name], frequency_ghz, channel, days)
             years[:, k] = np.roll([change, tilt, spread, sd * course_deviation(days)], late, axis=1)
-        kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days, row.group == "even") for row in rows]
-        lasting_share, memory_days, shift_days, even = np.array(kept).reshape(-1, 4).T
-        change_db, tilt, spread, sd_db = years
-        return Course(change_db, tilt, spread, sd_db, lasting_share, memory_days, shift_days, even.astype(np.bool_))
+        even = np.array([row.group == "even" for row in rows])
+        kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days) for row in rows]
+        lasting, memory, shift = np.array(kept).reshape(-1, 3).T
+        return Course(years[0], years[1], years[2], years[3], lasting, memory, shift, even)
 
     def canopy_share(self, category: str, day: float) -> float:
-        """Water of a cover's canopy on a day over that of the growing season, when the tables' levels hold.
-
-        1 where even, and where the user's own course stands for it.
-
-        Raises
-        ------
-        ScatteringDataError
-            The category has no calendar.
-        """
+        """Water of a cover's canopy on a day over that of the growing season; 1 where even, or with a user's course."""
         self._fields((category,))
         water = _canopy(category)[0]
         if category in self.own or not water.any():
@@ -242,16 +210,8 @@ class Calendar:
         return float(on_day(water, day - self.late_days)) / _season_water(category)
 
     def emission(self, category: str, frequency_ghz: float, polarization: str, day: float) -> tuple[float, float]:
-        """What the user's own course adds to a cover's emissivity on a day, and its standard deviation; 0 without one.
-
-        Raises
-        ------
-        ScatteringDataError
-            The course has no rows of this polarization and frequency.
-        """
-        if category not in self.own:
-            return 0.0, 0.0
-        change, sd = self._of_own(category, frequency_ghz, polarization)
+        """What the user's course adds to a cover's emissivity on a day, and its standard deviation; 0 without one."""
+        change, sd = self._of_own(category, frequency_ghz, polarization) if category in self.own else (0.0 * DAYS, 0.0)
         return float(on_day(change, day)), sd
 
     def notes(self, categories: tuple[str, ...], channel: str) -> tuple[str, ...]:
@@ -263,8 +223,7 @@ class Calendar:
     def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
         """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""
         known = dict(fields_by_category())
-        own = (name for name in self.own if name not in known or known[name].group == "even")
-        known |= dict.fromkeys(own, known[_AS_ASSUMED])
+        known |= {name: known[_AS_ASSUMED] for name in self.own if not has_course(name)}
         remedy = f"Leave first_day out, or add its rows to a [simulator] calendar; known: {', '.join(known)}"
         missing = [name for name in dict.fromkeys(categories) if name not in known]
         if missing:
@@ -279,29 +238,18 @@ class Calendar:
         if course is None or not nodes[0] / _OCTAVE <= frequency_ghz <= nodes[-1] * _OCTAVE:
             text = f"the calendar has no {channel} of {category} within an octave of {frequency_ghz:g} GHz"
             raise ScatteringDataError(text, "Add its rows", file=self.file, field="polarization", value=channel)
-        place = np.interp(math.log(frequency_ghz), np.log(nodes), np.arange(len(nodes)))
-        weights = np.maximum(1.0 - np.abs(np.arange(len(nodes)) - place), 0.0)
+        weights = weights_of_nodes(nodes, frequency_ghz)
         return weights @ course.change, float(weights @ course.mean_sd)
 
 
-SHIPPED: Final = Calendar()
-"""The calendar of Europe."""
+SHIPPED: Final = Calendar()  # of Europe
 
 
 def load_calendar(path: str | Path | None, late_days: int = 0) -> Calendar:
     """The shipped calendar, moved by some days, and the courses of a user's file in place of its own.
 
-    Parameters
-    ----------
-    path : str, Path or None
-        Long CSV; its columns are in `seqrsm.scattering.longtable`. Where it states no standard deviation it is that of
-        assumed emissivity, or the largest of the shipped courses of sigma0.
-    late_days : int
-
-    Raises
-    ------
-    ScatteringDataError
-        The file cannot be read or holds wrong rows: all of them, each with line and column.
+    The columns of ``path`` are in `seqrsm.scattering.longtable`. Where it states no standard deviation that of assumed
+    emissivity, or the largest of the shipped courses of sigma0, is taken. ScatteringDataError tells all wrong rows.
     """
     problems: list[Problem] = []
     groups: dict[tuple[str, str], dict[float, list[Node]]] = defaultdict(lambda: defaultdict(list))
@@ -312,18 +260,23 @@ def load_calendar(path: str | Path | None, late_days: int = 0) -> Calendar:
         change, sds = [], []
         for ghz, block in sorted(blocks.items()):
             year = in_order(block, f"{category}, {ghz:g} GHz, {channel}", problems, "day") or block[:1]
-            values = [node.value for node in year]
-            change.append(np.interp(DAYS, [node.place for node in year], values, period=float(DAYS.size)))
-            emits = channel in ("H", "V")
-            assumed = default_mean_sd("emissivity", "", "", ghz, channel) if emits else _sd_db("cereal", ghz, 0)
+            place, value = np.array([(node.place, node.value) for node in year]).T
+            change.append(np.interp(DAYS, place, value, period=float(DAYS.size)))
+            radar = len(channel) == 2
+            assumed = _sd_db("cereal", ghz, 0) if radar else default_mean_sd("emissivity", "", "", ghz, channel)
             sds.append(stated(block, "mean_sd", lambda node: node.channel).get(channel, assumed))
         rows = [node.row for block in blocks.values() for node in block]
         sources = "; ".join(sorted({f"{row.text('status')}: {row.text('source')}" for row in rows}))
-        like = "" if category in fields_by_category() else f"; fields as those of {_AS_ASSUMED} (assumed)"
+        like = "" if has_course(category) else f"; fields as those of {_AS_ASSUMED} (assumed)"
         note = f"{category} {channel}: course of {Path(rows[0].file).name} ({sources}){like}"
         own[category][channel] = OwnCourse(tuple(sorted(blocks)), np.array(change), np.array(sds), note)
     refuse(problems, path or "")
     return Calendar(own, late_days, str(path or ""))
+
+
+def has_course(category: str) -> bool:
+    """Whether a cover changes through the year in the shipped calendar."""
+    return category in fields_by_category() and fields_by_category()[category].group != "even"
 
 
 def season_depth(category: str, frequency_ghz: float) -> float:

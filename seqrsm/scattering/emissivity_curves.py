@@ -14,7 +14,7 @@ import scipy
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.curves import THETA_DEG, weakest
-from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated
+from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 
 POLARIZATIONS: Final = ("H", "V")
 
@@ -59,12 +59,7 @@ def between_nodes(name: str, curve: EmissivityCurve, f: float, polarization: str
         message = f"emissivity of {name} at {polarization} is known at {nodes[0]:g} to {nodes[-1]:g} GHz"
         remedy = f"Stay within {low:.4g} to {high:.4g} GHz, or add rows"
         raise ScatteringDataError(message, remedy, file=file or None, field="frequency", value=f)
-    upper = int(np.clip(np.searchsorted(nodes, f), 1, max(len(nodes) - 1, 1)))
-    if len(nodes) == 1:
-        return np.asarray(curve.value[nodes[0], polarization])
-    share = float(np.clip(np.log(f / nodes[upper - 1]) / np.log(nodes[upper] / nodes[upper - 1]), 0.0, 1.0))
-    below, above = curve.value[nodes[upper - 1], polarization], curve.value[nodes[upper], polarization]
-    return np.asarray((1.0 - share) * below + share * above)
+    return np.asarray(weights_of_nodes(nodes, f) @ np.array([curve.value[node, polarization] for node in nodes]))
 
 
 def interpolated(theta_deg: Sequence[float], value: Sequence[float]) -> FloatArray:

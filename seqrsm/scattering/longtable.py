@@ -14,7 +14,7 @@ is what the day adds to the table's sigma0 [dB] or emissivity [1].
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -45,10 +45,7 @@ _MOST_TOLD: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One good row: value and standard deviations [dB] of sigma0, [1] of emissivity; nan where they are not given.
-
-    ``place``: incidence angle [deg], or day of the year of a calendar.
-    """
+    """One good row at an incidence angle [deg] or a day: [dB] of sigma0, [1] of emissivity; nan where not given."""
 
     row: Row
     category: str
@@ -90,12 +87,12 @@ def refuse(problems: list[Problem], path: str | Path) -> None:
 def in_order(block: list[Node], at: str, problems: list[Problem], column: str = "theta_deg") -> list[Node]:
     """The nodes of one curve by rising angle or day, two at least; else none, with the fault added to ``problems``."""
     block = sorted(block, key=lambda node: node.place)
-    places, what = [node.place for node in block], "day" if column == "day" else "incidence angle"
+    places = [node.place for node in block]
     twice = [node for node in block if places.count(node.place) > 1]
-    problems += [node.row.problem(column, f"{at}: the {what.split()[-1]} is given twice") for node in twice]
+    problems += [node.row.problem(column, f"{at}: it is given twice") for node in twice]
     if len(set(places)) >= 2:
         return [] if twice else block
-    problems.append(block[0].row.problem(column, f"{at}: 1 {what}, at least 2 are needed", "Add rows"))
+    problems.append(block[0].row.problem(column, f"{at}: 1 row, at least 2 are needed", "Add some"))
     return []
 
 
@@ -119,6 +116,12 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
     curves = {key: curve for key, group in groups.items() if (curve := _curve(key, group, problems)) is not None}
     refuse(problems, path)
     return curves, stated(nodes, "sd", lambda node: (node.category, node.channel))
+
+
+def weights_of_nodes(nodes: Sequence[float], frequency_ghz: float) -> FloatArray:
+    """What each of rising frequencies (n,) counts on straight lines over the logarithm, held beyond the ends."""
+    place = np.interp(np.log(frequency_ghz), np.log(nodes), np.arange(len(nodes)))
+    return np.maximum(1.0 - np.abs(np.arange(len(nodes)) - place), 0.0)
 
 
 def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, float]:

@@ -188,8 +188,7 @@ class Sigma0Table:
         sd = np.array([found[name].mean_sd_db for name in names])
         through = None
         if day is not None:
-            places = [list(found).index(name) for name in names]
-            through = self._course(found, frequency, channel, state).of(places)
+            through = self._course(names, found, channel, state)
             value = value + through.at_angles(day, THETA_DEG)
             sd = np.hypot(sd, on_day(through.sd_db, day))
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
@@ -215,18 +214,13 @@ class Sigma0Table:
             course=through,
         )
 
-    def _course(self, found: Mapping[str, _Found], frequency_ghz: float, channel: str, state: _State) -> Course:
+    def _course(self, names: tuple[str, ...], found: Mapping[str, _Found], channel: str, state: _State) -> Course:
         """Course of categories through the year, as the table's world has it."""
         soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
-        level = np.array([item.value_db[_LEVEL_DEG] for item in found.values()])
+        level = np.array([found[name].value_db[_LEVEL_DEG] for name in names])
         bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
-        world = self.world
-
-        def season(name: str, days: FloatArray) -> FloatArray:
-            assert world is not None
-            return world.season(name, found[name].kin, frequency_ghz, channel, days)
-
-        return self.calendar.course(tuple(found), frequency_ghz, channel, level, bare, season if world else None)
+        kin = {name: item.kin for name, item in found.items()}
+        return self.calendar.course(names, kin, state.frequency_ghz, channel, level, bare, self.world)
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))

@@ -216,7 +216,7 @@ class CellReader:
     def missing(self, line: int) -> None:
         """Columns that must be there and are not."""
         free = self.free_columns()
-        if free and self.no_factor():
+        if free and self.factors and self.no_factor():
             remedy = f"Begin the file with a line of names: {', '.join(one.name for one in self.factors)}."
             self.add("this line is no header: it names no factor", remedy, line)
             return
@@ -227,8 +227,7 @@ class CellReader:
 
     def no_factor(self) -> bool:
         """Whether no column is a factor's, nor may be one under another name."""
-        free = self.free_columns()
-        return all(one.name not in self.columns and _rename_hint(one, free) == _ADD for one in self.factors)
+        return all(o.name not in self.columns and _rename_hint(o, self.free_columns()) == _ADD for o in self.factors)
 
     def missing_application(self, line: int) -> None:
         """The column that tells one application from another."""

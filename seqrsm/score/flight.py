@@ -1,11 +1,10 @@
 """Files of measured scores: what a flight crew or an interpreter hands in.
 
 A table as text, UTF-8 with or without a byte order mark, cells separated by comma, semicolon, tab or ``|``. One column
-for each factor by its name, in natural units (or none, where every row has a ``run_id``), and ``score``; optional
-``run_id``, ``application``, ``se``, ``n`` and ``correct``, ``block``, ``source``, ``date``, ``note``; every other
-column is kept as metadata. A factor's column may name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is
-converted. Lines before the header that begin with ``#``, and a spreadsheet's ``sep=;``, are passed over. Where no comma
-separates cells, numbers may have a decimal comma.
+for each factor by its name, in natural units, and ``score``; optional ``run_id``, ``application``, ``se``, ``n`` and
+``correct``, ``block``, ``source``, ``date``, ``note``; every other column is kept as metadata. A factor's column may
+name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is converted. Lines before the header that begin with
+``#``, and a spreadsheet's ``sep=;``, are passed over. Where no comma separates cells, numbers may have a decimal comma.
 
 Nothing is guessed: what cannot be read for certain is an error with its line and column, and all errors come at once.
 """
@@ -80,8 +79,6 @@ class ScoresFile:
         Lines whose score is still empty.
     near : tuple of (str, str)
         Columns of the user's own that are nearly named as one that has a meaning, and that.
-    told : bool
-        Whether it has settings; else they are those of its runs.
     """
 
     name: str
@@ -89,15 +86,10 @@ class ScoresFile:
     scores: tuple[MeasuredScore, ...]
     unscored: tuple[int, ...]
     near: tuple[tuple[str, str], ...] = ()
-    told: bool = True
 
 
 def read_scores(
-    source: TableSource,
-    factors: Sequence[FactorColumn],
-    measures: Sequence[Measure],
-    block: str = "block",
-    runs: Mapping[int, Mapping[str, float | str]] | None = None,
+    source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure], block: str = "block"
 ) -> ScoresFile:
     """Read a file, or a table, of measured scores.
 
@@ -106,13 +98,11 @@ def read_scores(
     source : Path, str, DataFrame or TableText
         See `seqrsm.score.table.table_text`.
     factors : sequence of FactorColumn
-        Every factor must have its column, or none.
+        Every factor must have its column.
     measures : sequence of Measure
         The campaign's applications; with one, the column ``application`` may be absent.
     block : str
         Column that the campaign takes blocks from.
-    runs : Mapping, optional
-        Settings by run id.
 
     Raises
     ------
@@ -120,12 +110,16 @@ def read_scores(
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
     reader = _Reader(source, factors, measures)
-    reader.runs = runs or {}
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(
-        reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block), reader.told
-    )
+    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block))
+
+
+def names_runs_alone(source: TableSource, factors: Sequence[FactorColumn]) -> bool:
+    """Whether a file says by run ids alone what was flown: it has these, and no column that is or may be a factor's."""
+    reader = _Reader(source, factors)
+    reader.header()
+    return "run_id" in reader.columns and reader.no_factor()
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:
@@ -141,15 +135,9 @@ class _Reader(CellReader):
     """Turns the cells of a table into scores."""
 
     optional = OPTIONAL
-    runs: Mapping[int, Mapping[str, float | str]]
-    told = True
 
     def missing(self, line: int) -> None:
-        self.told = "run_id" not in self.columns or not self.no_factor()
-        if self.told:
-            super().missing(line)
-        else:
-            self.missing_application(line)
+        super().missing(line)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
             free = self.free_columns()
             near = [name for name in free if "score" in name.casefold() or "percent" in name.casefold()]
@@ -198,14 +186,7 @@ class _Reader(CellReader):
         text = {name: self.cell(cells, name) for name in OPTIONAL}
         run_id = self.whole(text["run_id"], line, "run_id", 1)
         application = self.application(text["application"], line)
-        if self.told:
-            settings = {factor.name: self.setting(factor, cells, line) for factor in self.factors}
-        else:
-            settings = dict(self.runs.get(run_id or 0, {}))
-            if not settings:
-                remedy = "Give the id of a proposed run, or a column for each factor."
-                message = "there is no such run" if run_id else "the cell is empty"
-                self.add(message, remedy, line, "run_id", run_id)
+        settings = {factor.name: self.setting(factor, cells, line) for factor in self.factors}
         if run_id is not None and application:
             first = self.seen.setdefault((run_id, application), line)
             if first != line:

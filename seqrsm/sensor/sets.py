@@ -31,7 +31,7 @@ BANDS: Final[Mapping[str, float]] = {
 
 YEAR_DAYS: Final = 365
 _LATEST: Final = 3 * YEAR_DAYS  # a named sensor may pass some weeks after the latest first day, 730
-_NEXT_YEAR: Final = "Count days of the next year on from 365"
+NEXT_YEAR: Final = "Count days of the next year on from 365"
 
 Values = Mapping[str, float | str]
 
@@ -45,8 +45,7 @@ class Dates:
     dates : int
         How many times.
     first_day : float or None
-        Day of the year of the first, counted on into the next year, where 380 is day 15; None: no day at all, the
-        season stands for it.
+        Day of the year of the first, or on into the next (380 is its 15th); None: the season stands for it.
     interval_days : float
         Between one date and the next [d].
     days : str
@@ -55,7 +54,7 @@ class Dates:
     Raises
     ------
     ConfigurationError
-        Dates without a day, of more than a year, out of order, or given twice.
+        Dates without a day, out of order, or given twice.
     """
 
     dates: int = 1
@@ -71,16 +70,10 @@ class Dates:
             text = "several dates need a first day"
             raise ConfigurationError(text, "Give first_day", field="dates", value=self.dates)
         field, value = ("days", self.days) if self.days else ("first_day", self.first_day)
-        refuse_long(self.on, "the dates", field)
-        if any(not 1.0 <= day <= _LATEST for day in self.on):
-            remedy = f"Give days from 1. {_NEXT_YEAR}: 380 is 15 January"
-            raise ConfigurationError("these are no days of the year", remedy, field=field, value=value)
-        fallen = next((later for day, later in pairwise(self.on) if later <= day), None)
-        if fallen is not None:
-            remedy = (
-                f"Write each once, the first one first. {_NEXT_YEAR}: {fallen + YEAR_DAYS:g} in place of {fallen:g}"
-            )
-            raise ConfigurationError("the days do not rise", remedy, field=field, value=value)
+        rising = all(1.0 <= day < later for day, later in pairwise((*self.on, math.inf)))
+        if not rising or self.on[:1] > (_LATEST,):
+            text, remedy = "these are no rising days of the year", f"Write each once, in order, from 1. {NEXT_YEAR}"
+            raise ConfigurationError(text, f"{remedy}: 385 in place of 20", field=field, value=value)
 
     @property
     def on(self) -> tuple[float, ...]:
@@ -98,13 +91,6 @@ class Dates:
 def day_of_year(day: float) -> float:
     """Day of the year, from 1 to below 366, of a day that may be counted on into later years."""
     return day - YEAR_DAYS * ((math.floor(day) - 1) // YEAR_DAYS)
-
-
-def refuse_long(days: tuple[float, ...], what: str, field: str) -> None:
-    """Raise ConfigurationError where rising days span a year: a field has the crops of one."""
-    if days and days[-1] - days[0] >= YEAR_DAYS:
-        text = f"{what} span {days[-1] - days[0]:g} days, more than one year of crops"
-        raise ConfigurationError(text, f"Give fewer dates or a shorter interval. {_NEXT_YEAR}", field=field)
 
 
 @dataclass(frozen=True, slots=True)

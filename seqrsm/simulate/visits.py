@@ -38,8 +38,7 @@ class Visit:
     Attributes
     ----------
     days : tuple of float
-        Days of the year of all meetings of the run, rising, those of the next year beyond 365; empty: one meeting in
-        the middle of the season.
+        Days of all meetings of the run, rising, in the next year beyond 365; empty: one in the middle of the season.
     number : int
         Place of this one among them.
     member : int

@@ -55,13 +55,12 @@ The tables and keys of the file. Keys without a default are required; unknown ke
 ``[simulator]``, omitted for a campaign with measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign folder; ``table`` (none): a CSV file of
     your own sigma0 or emissivity, whose categories replace the built-in ones; ``calendar`` (none): a CSV file of your
-    own crops' courses through the year; ``calendar_shift_days`` (0): days by which the built-in calendar of crops comes
-    later on your ground; ``known_map`` (none): a CSV file with the confusion table of an existing cover map;
-    ``tolerance`` (0: none): acceptable rms error of a simulated score, in score units; cells of the scene are then
-    averaged as far as measured differences allow, see :mod:`seqrsm.campaign.tradeoff`; ``fixed``: every sensor
-    parameter that is not a factor; ``members``: if ``frequency`` names a set such as "L+C", parameters of one member,
-    including its ``engine``, as in ``[simulator.members.C]``. A factor ``C.resolution`` applies to that member; see
-    :mod:`seqrsm.sensor.sets`.
+    own courses of crops; ``calendar_shift_days`` (0): days by which the built-in ones come later; ``known_map`` (none):
+    a CSV file with the confusion table of an existing cover map; ``tolerance`` (0: none): acceptable rms error of a
+    simulated score, in score units; cells of the scene are then averaged as far as measured differences allow, see
+    :mod:`seqrsm.campaign.tradeoff`; ``fixed``: every sensor parameter that is not a factor; ``members``: if
+    ``frequency`` names a set such as "L+C", parameters of one member, including its ``engine``, as in
+    ``[simulator.members.C]``. A factor ``C.resolution`` applies to that member; see :mod:`seqrsm.sensor.sets`.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` (""); where sources compete for a run, one that costs
     nothing counts as a thousandth of the other.

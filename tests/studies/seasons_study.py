@@ -178,9 +178,9 @@ def as_well_known_as_c() -> Sigma0Table:
 class StillInL(Sigma0Table):
     """Covers stay at their level all year in L band."""
 
-    def _course(self, found: Any, frequency_ghz: float, *state: Any) -> Course:
-        own = super()._course(found, frequency_ghz, *state)
-        return own if frequency_ghz > GHZ["L"] else replace(own, change_db=np.zeros_like(own.change_db))
+    def _course(self, names: Any, found: Any, channel: str, state: Any) -> Course:
+        own = super()._course(names, found, channel, state)
+        return own if state.frequency_ghz > GHZ["L"] else replace(own, change_db=np.zeros_like(own.change_db))
 
 
 SWITCHES = {

@@ -181,7 +181,7 @@ def test_a_wrong_row_is_told_with_its_place(tmp_path, row, field, value):
 
 def test_a_year_of_one_day_or_of_a_day_twice_is_refused(tmp_path):
     (once,) = wrong(tmp_path, HEADER + "sigma0,Corn,5.4,VV,9,1,dB,measured,me,\n")
-    assert "Corn, 5.4 GHz, VV: 1 day, at least 2 are needed" in str(once)
+    assert "Corn, 5.4 GHz, VV: 1 row, at least 2 are needed" in str(once)
     twice = wrong(
         tmp_path, HEADER + 2 * "sigma0,Corn,5.4,VV,9,1,dB,measured,me,\n" + "sigma0,Corn,5.4,VV,8,1,dB,measured,me,\n"
     )

@@ -218,7 +218,7 @@ def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
         ("sigma0,Wheat,5,HH,monsoon,20,-10,,dB,measured,me", r"own\.csv:2: season"),
         ("sigma0,Wheat,5,HH,,20,-10,-1,dB,measured,me", r"own\.csv:2: sd"),
         ("sigma0,Wheat,5,HH,,20", r"own\.csv:2: 6 cells, the header has 11"),
-        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: theta_deg: Wheat.*1 incidence angle, at least 2"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: theta_deg: Wheat.*1 row, at least 2"),
         ('sigma0,"Wheat,5,HH,,20,-10,,dB,measured,me', r"own\.csv:2: not a CSV line"),
     ],
 )
@@ -245,7 +245,7 @@ def test_channels_may_differ_from_band_to_band(tmp_path: Path) -> None:
 def test_all_bad_rows_at_once_and_duplicates(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
     path.write_text(HEADER + own_rows() + own_rows(), encoding="utf-8")
-    with pytest.raises(ScatteringDataError, match="the angle is given twice") as caught:
+    with pytest.raises(ScatteringDataError, match=r"theta_deg: .*: it is given twice") as caught:
         load_sigma0_table(path)
     assert len(caught.value.problems) == 24
 
