@@ -141,9 +141,9 @@ def joint_draws(
     if process is not None:
         means, covariances = process.joint(points)
         each = -(-_DRAWS // len(means))
-        of_process = [
-            rng.multivariate_normal(mean, covariance, each, check_valid="ignore", method="eigh")
-            for mean, covariance in zip(means, covariances, strict=True)
-        ]
-        found.append((np.vstack(of_process), share))
+        size, axes = np.linalg.eigh(covariances)
+        # Symmetric roots: levels that are equally alike have no axes of their own but those of rounding.
+        roots = (axes * np.sqrt(np.maximum(size, 0.0))[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        of_process = means[:, None, :] + rng.standard_normal((len(means), each, len(points))) @ roots
+        found.append((np.concatenate(of_process), share))
     return [part for part in found if part[1] > 0.0]

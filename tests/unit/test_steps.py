@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -10,6 +12,7 @@ from scipy import stats
 from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.ground import RANKED
+from seqrsm.analysis.steps import joint_draws
 from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.factors import ContinuousFactor
@@ -210,3 +213,20 @@ def test_no_power_of_ten_stands_apart_from_the_ticks_of_an_axis(high) -> None:
     FigureCanvasAgg(figure).draw()
     assert axes.xaxis.get_offset_text().get_text() == ""
     assert len({label.get_text() for label in axes.get_xticklabels()}) > 2
+
+
+def test_joint_draws_do_not_depend_on_the_last_digits_of_a_covariance() -> None:
+    """Levels that are equally alike have no axes of their own: the digits, which are the processor's, chose these."""
+    alike, rounding = 0.8 + 0.2 * np.eye(4), 1e-14 * np.random.default_rng(1).normal(size=(4, 4))
+
+    def drawn(covariance):
+        process = SimpleNamespace(joint=lambda points: (np.zeros((1, 4)), covariance[None]))
+        belief = SimpleNamespace(
+            departure=SimpleNamespace(believed=process, probability=1.0), surface=SimpleNamespace(rows=lambda at: at)
+        )
+        (found,) = joint_draws(belief, np.eye(4), np.ones((3, 4)), np.random.default_rng(2))
+        return found[0]
+
+    first, other = drawn(alike), drawn(alike + rounding + rounding.T)
+    np.testing.assert_allclose(first, other, atol=1e-9)
+    np.testing.assert_allclose(np.cov(first.T), alike, atol=0.06)
