@@ -23,8 +23,7 @@ from copy import copy
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.special import logsumexp
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
@@ -190,16 +189,24 @@ def _matern(h: Hyper, squares: FloatArray, apart: IntArray) -> FloatArray:
 
     In place, for most of the time goes into memory; ``squares`` are no more after it.
     """
-    r = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
-    k: FloatArray = r / 3.0
-    k += 1.0
-    k *= r
+    k = np.maximum(squares, 0.0, out=squares)
+    r = np.sqrt(k)
+    k /= 3.0
+    k += r
     k += 1.0
     np.negative(r, out=r)
     k *= np.exp(r, out=r)
     by_number = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + apart.max(initial=0))
     k *= by_number.take(apart, axis=1) if by_number.shape[1] > 1 else by_number
     return k
+
+
+def _apart(a: FloatArray, b: FloatArray) -> IntArray:
+    """In how many categories the levels (m, c) and (n, c) of points differ, (m, n)."""
+    found = np.zeros((len(a), len(b)), dtype=np.int64)
+    for of_a, of_b in zip(a.T, b.T, strict=True):  # a sum over so short an axis takes as long as exp
+        found += of_a[:, None] != of_b
+    return found
 
 
 def _in_cache(n: int, size: int) -> Iterator[slice]:
@@ -284,7 +291,7 @@ class Process:
         self._in_blocks = np.sum(self._columns_of_blocks[i] * self._columns_of_blocks[j], axis=1)
         self._columns = trend_columns(model)
         self._base, self._levels = model.base(self._points), self._points[:, list(model.categorical)]
-        self._apart = np.sum(self._levels[i] != self._levels[j], axis=1)
+        self._apart = _apart(self._levels, self._levels)[i, j]
         self._difference = self._of_difference(self._points) * self._is_own[:, None]
         self._prior = self._log_prior()
         mean, sd = self._prior
@@ -298,16 +305,16 @@ class Process:
         """The same with about ``n`` of its draws, evenly spread over all."""
         found, some = copy(self), slice(None, None, max(len(self._alpha) // n, 1))
         found.hyper, found._own = self.hyper.some(some), self._own.some(some)
-        found._factors, found._alpha = self._factors[some], self._alpha[some]
+        found._roots, found._alpha = self._roots[some], self._alpha[some]
         return found
 
     def means(self, points: FloatArray) -> FloatArray:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
         sums = np.empty((len(self._alpha), len(points)))
-        for some, h, at, own in self._parts(points):
+        for some, h, at, own, apart in self._parts(points):
             alpha = self._alpha[some]
             slopes = np.einsum("dnt,dn->dt", own.rows, alpha)
-            sums[some] = (self._of_process(h, at, own) @ alpha[..., None])[..., 0]
+            sums[some] = (self._of_process(h, at, own, apart) @ alpha[..., None])[..., 0]
             sums[some] += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(alpha, axis=1)[:, None]
             sums[some] += np.square(h.difference)[:, None] * (alpha @ own.difference @ at.difference.T)
         found: FloatArray = self.centre + self.scatter * sums
@@ -322,30 +329,32 @@ class Process:
 
         With other scores (b, n) the means are ``centre + (scores - centre) @ pull``; what the process rests on stays.
         """
-        found = np.zeros((len(self._y), len(points)))
-        for some, h, at, own in self._parts(points):
-            for factor, row in zip(self._factors[some], self._covariance(h, at, own), strict=True):
-                found += cho_solve((factor, True), row.T, overwrite_b=True, check_finite=False)
-        return np.asarray((found / self._runs[:, None] / len(self._alpha))[self._place])
+        found = np.zeros((len(points), len(self._y)))
+        for some, h, at, own, apart in self._parts(points):
+            roots = self._roots[some]
+            for half, root in zip(self._covariance(h, at, own, apart) @ roots, roots, strict=True):
+                found += half @ root.T
+        return np.asarray((found / self._runs / len(self._alpha)).T[self._place])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
-        at = self._places(self.hyper, points)
-        means, halves = self._given(slice(None), self._covariance(self.hyper, at, self._own))
-        covariances = self._covariance(self.hyper, at, at)
-        for covariance, half in zip(covariances, halves, strict=True):
-            covariance -= half.T @ half
-        return means, self.scatter**2 * covariances
+        d, m, levels = len(self._alpha), len(points), points[:, list(self.model.categorical)]
+        means, covariances, among = np.empty((d, m)), np.empty((d, m, m)), _apart(levels, levels)
+        for some, h, at, own, apart in self._parts(points):
+            means[some], halves = self._given(some, self._covariance(h, at, own, apart))
+            found = self._covariance(h, at, at, among)
+            found -= halves @ np.swapaxes(halves, 1, 2)
+            covariances[some] = self.scatter**2 * found
+        return means, covariances
 
     def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means and variances (d, m) of the surface at coded points (m, k), score units."""
         means, variances = np.empty((2, len(self._alpha), len(points)))
-        for some, h, at, own in self._parts(points):
-            means[some], halves = self._given(some, self._covariance(h, at, own))
+        for some, h, at, own, apart in self._parts(points):
+            means[some], halves = self._given(some, self._covariance(h, at, own, apart))
             variances[some] = np.sum(at.rows**2, axis=-1) + np.square(h.process)[:, None] + _VAGUE
             variances[some] += np.square(h.difference)[:, None] * np.sum(at.difference**2, axis=1)
-            for variance, half in zip(variances[some], halves, strict=True):
-                variance -= np.sum(half**2, axis=0)
+            variances[some] -= np.sum(np.square(halves, out=halves), axis=2)
         return means, self.scatter**2 * np.maximum(variances, 0.0)
 
     def draw(self, rng: np.random.Generator) -> tuple[Callable[[FloatArray], FloatArray], float, float]:
@@ -384,11 +393,12 @@ class Process:
         others = np.diag(self._variances(h)[0] / self._runs)
         others += np.square(h.block) * self._columns_of_blocks @ self._columns_of_blocks.T
         error = np.linalg.cholesky(others) @ rng.standard_normal(len(others))
-        pull = cho_solve((self._factors[d], True), self._y - before(own) - error, check_finite=False)
+        pull = self._roots[d] @ ((self._y - before(own) - error) @ self._roots[d])
 
         def surface(points: FloatArray) -> FloatArray:
             at = self._places(h, points)
-            return np.asarray(self.centre + self.scatter * (before(at) + self._covariance(h, at, own)[0] @ pull))
+            cross = self._covariance(h, at, own, _apart(at.levels, own.levels))
+            return np.asarray(self.centre + self.scatter * (before(at) + cross[0] @ pull))
 
         return surface, float(self.scatter * h.noise[0]), float(np.sqrt(self.common_variance[d]))
 
@@ -412,18 +422,21 @@ class Process:
         """Variance (n,) of each run about its source's surface, over all draws, score units."""
         return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place])
 
-    def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, Iterator[FloatArray]]:
-        """Means (d, m), and for each draw the root (n, m) of what the scores take off the variances there."""
+    def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Means (d, m), and for each draw the root (m, n) of what the scores take off the variances there."""
         means: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha[some])
-        pairs = zip(self._factors[some], cross, strict=True)
-        return means, (solve_triangular(factor, row.T, lower=True, check_finite=False) for factor, row in pairs)
+        return means, cross @ self._roots[some]
 
-    def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places]]:
-        """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each."""
+    def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places, IntArray]]:
+        """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each.
+
+        And in how many categories they differ, (m, n).
+        """
         given = self._of_points(points)
-        for some in _in_cache(len(self._alpha), len(points) * len(self._y)):
+        apart = _apart(given[1], self._levels)
+        for some in _in_cache(len(self._alpha), apart.size):
             h = self.hyper.some(some)
-            yield some, h, self._bent_places(h, *given), self._own.some(some)
+            yield some, h, self._bent_places(h, *given), self._own.some(some), apart
 
     def _places(self, h: Hyper, points: FloatArray) -> _Places:
         return self._bent_places(h, *self._of_points(points))
@@ -452,21 +465,18 @@ class Process:
         scaled = columns[numeric] / h.lengths.T[..., None]
         return _Places(scaled.transpose(1, 2, 0).copy(), products, levels, difference)
 
-    def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
+    def _covariance(self, h: Hyper, a: _Places, b: _Places, apart: IntArray) -> FloatArray:
         """Of the surface (d, m, n)."""
-        k = self._of_process(h, a, b)
+        k = self._of_process(h, a, b, apart)
         k += a.rows @ np.swapaxes(b.rows, 1, 2)
         k += _VAGUE
         if self._sources is not None:
             k += np.square(h.difference)[:, None, None] * (a.difference @ b.difference.T)
         return k
 
-    def _of_process(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
+    def _of_process(self, h: Hyper, a: _Places, b: _Places, apart: IntArray) -> FloatArray:
         """Covariance (d, m, n) of the process alone."""
         squares = _squares(a, b)
-        apart = np.zeros(squares.shape[1:], dtype=np.int64)
-        for of_a, of_b in zip(a.levels.T, b.levels.T, strict=True):  # a sum over so short an axis takes as long as exp
-            apart += of_a[:, None] != of_b
         return _matern(h, squares.reshape(len(squares), -1), apart.ravel()).reshape(squares.shape)
 
     def _of_scores(self, h: Hyper, own: _Places) -> FloatArray:
@@ -476,8 +486,11 @@ class Process:
         """
         pairs, n = self._pairs, len(self._y)
         k = _matern(h, _squares(own, own).reshape(-1, n * n).take(pairs, axis=1), self._apart)
-        k += (own.rows @ np.swapaxes(own.rows, 1, 2)).reshape(-1, n * n).take(pairs, axis=1)
-        k += _VAGUE + np.square(h.block)[:, None] * self._in_blocks
+        # A copy: numpy takes twice as long for the product of so small a matrix with its own transpose.
+        k += (own.rows @ np.swapaxes(own.rows, 1, 2).copy()).reshape(-1, n * n).take(pairs, axis=1)
+        k += _VAGUE
+        if self._blocks.columns.size:
+            k += np.square(h.block)[:, None] * self._in_blocks
         if self._sources is not None:
             k += np.square(h.difference)[:, None] * (own.difference @ own.difference.T).take(pairs)
         V, diagonal = np.zeros((len(k), n + 1, n + 1)), np.arange(n)
@@ -534,9 +547,10 @@ class Process:
         """Condition on the scores under these hyperparameters (d, h)."""
         self.hyper, n = self._hyper_of(theta), len(self._y)
         self._own = self._places_of_runs(self.hyper)
-        roots = np.linalg.cholesky(self._of_scores(self.hyper, self._own))
-        self._factors, solved = roots[:, :n, :n], roots[:, n, :n]
-        self._alpha = np.linalg.solve(np.swapaxes(self._factors, 1, 2), solved[..., None])[..., 0]
+        factors = np.linalg.cholesky(self._of_scores(self.hyper, self._own))
+        # Inverses (d, n, n) of transposed factors: a product with one takes a third of what a solution takes.
+        self._roots = np.array([dtrtri(factor[:n, :n].T)[0] for factor in factors])
+        self._alpha = np.einsum("dij,dj->di", self._roots, factors[:, n, :n])
 
     def _of_repeats(self, variances: FloatArray) -> FloatArray:
         """Log likelihood of the scatter of equal runs about their means, by the variances (d, n) of a run."""
