@@ -130,7 +130,8 @@ def evidence_of(
     angles = [layers[-1:] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
     powers = [layers if is_radar else layers[:-1] for layers, is_radar in zip(each, radar, strict=True)]
     is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
-    layers = np.vstack([*powers, *angles], dtype=np.float64)
+    # Those of one image are in this order already, and nobody else's.
+    layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*powers, *angles]), dtype=np.float64)
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
     held = None if by in ("field", "segment") else pixels.field != -1
     if by == "field":

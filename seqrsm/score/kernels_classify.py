@@ -129,13 +129,14 @@ def teach(
             cells += counts[n, k]
         if cells == 0.0:
             continue
-        h, least = half[tile[n]], purity * cells
+        h, least, left = half[tile[n]], purity * cells, cells
         for i in range(d):
             x[i] = features[i, n]
         for k in range(n_classes):
             if counts[n, k] == 0:
                 continue
             w = float(counts[n, k])
+            left -= w
             own = out[h, 0 if w >= least else 1, k]
             own[0] += w
             own[1] += w * w
@@ -146,6 +147,8 @@ def teach(
                 for j in range(i + 1):
                     own[at] += wx * x[j]
                     at += 1
+            if left == 0.0:  # most pixels hold one class
+                break
 
 
 @kernel
