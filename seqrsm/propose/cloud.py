@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray, first_of_largest
 from seqrsm.design.region import Region
@@ -291,12 +292,13 @@ def propose_from_process(
 
 def _root(covariance: FloatArray) -> FloatArray:
     """A matrix (m, m) whose product with its transpose is this; of the part above zero where rounding leaves more."""
-    nugget = _NUGGET * max(float(np.trace(covariance)) / len(covariance), 1e-300)
-    try:
-        return np.asarray(np.linalg.cholesky(covariance + nugget * np.eye(len(covariance))))
-    except np.linalg.LinAlgError:  # scores without noise: the variance left is less than the rounding of the prior's
+    raised, m = covariance.copy(), len(covariance)
+    raised.flat[:: m + 1] += _NUGGET * max(float(np.trace(covariance)) / m, 1e-300)
+    root, failed = dpotrf(raised.T, lower=True, overwrite_a=True)  # half the time of numpy's
+    if failed:  # scores without noise: the variance left is less than the rounding of the prior's
         own, vectors = np.linalg.eigh(covariance)
-        return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))
+        root = vectors * np.sqrt(np.maximum(own, 0.0))
+    return np.asarray(root)
 
 
 class _Ahead:
