@@ -397,8 +397,8 @@ def _shown(image: Image, counts: AnyArray) -> AnyArray:
     """
     if not isinstance(image, RadarImage):
         return counts
-    hidden = (image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
-    if not hidden.any():
+    hidden = np.flatnonzero(image.mean_power.max(axis=0) < image.noise_power_w[:, None])
+    if not hidden.size:
         return counts
     teaching = counts.copy()
     teaching[hidden] = 0
