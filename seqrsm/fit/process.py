@@ -331,9 +331,8 @@ class Process:
         """
         found = np.zeros((len(points), len(self._y)))
         for some, h, at, own, apart in self._parts(points):
-            roots = self._roots[some]
-            for half, root in zip(self._covariance(h, at, own, apart) @ roots, roots, strict=True):
-                found += half @ root.T
+            halves, roots = self._covariance(h, at, own, apart) @ self._roots[some], self._roots[some]
+            found += np.sum(halves @ np.swapaxes(roots, 1, 2), axis=0)
         return np.asarray((found / self._runs / len(self._alpha)).T[self._place])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -396,7 +395,7 @@ class Process:
         pull = self._roots[d] @ ((self._y - before(own) - error) @ self._roots[d])
 
         def surface(points: FloatArray) -> FloatArray:
-            at = self._places(h, points)
+            at = self._bent_places(h, *self._of_points(points))
             cross = self._covariance(h, at, own, _apart(at.levels, own.levels))
             return np.asarray(self.centre + self.scatter * (before(at) + cross[0] @ pull))
 
@@ -428,18 +427,12 @@ class Process:
         return means, cross @ self._roots[some]
 
     def _parts(self, points: FloatArray) -> Iterator[tuple[slice, Hyper, _Places, _Places, IntArray]]:
-        """Draws by parts whose covariances stay in the cache, with places of points (m, k) and of runs under each.
-
-        And in how many categories they differ, (m, n).
-        """
+        """Draws by parts whose covariances stay in the cache, places of points (m, k) and runs, and their `_apart`."""
         given = self._of_points(points)
         apart = _apart(given[1], self._levels)
         for some in _in_cache(len(self._alpha), apart.size):
             h = self.hyper.some(some)
             yield some, h, self._bent_places(h, *given), self._own.some(some), apart
-
-    def _places(self, h: Hyper, points: FloatArray) -> _Places:
-        return self._bent_places(h, *self._of_points(points))
 
     def _of_points(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What places have under every draw: base columns, levels, and rows of the difference."""
