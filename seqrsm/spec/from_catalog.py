@@ -242,7 +242,7 @@ def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
         *_simulator_text(engine, chosen, levels, site or _TEMPLATE),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
-        f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
+        f"{_target_text(wanted, engine)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
     ]
     return re.sub(r"\n\n(?=# .* held fixed:|\w+ = )", "\n", "\n\n".join(part for part in parts if part)) + "\n"
 
@@ -310,12 +310,17 @@ def _simulator_text(engine: str, chosen: Mapping[str, _Chosen], levels: tuple[st
     return [*parts, *_fixed_text(chosen, levels)]
 
 
-def _target_text(wanted: Sequence[Wanted]) -> str:
-    """The half-width: `seqrsm check` shows what can be reached, mostly what is not known of the ground."""
+def _target_text(wanted: Sequence[Wanted], engine: str) -> str:
+    """The half-width: `seqrsm check` shows what can be reached, mostly what is not known of the ground; and the loss.
+
+    Simulations are cheap enough to ask for both.
+    """
     rows = [asked_for(one.measure.utility or "measured").row for one in wanted]
     percent = any(row.unit == "percent" for row in rows)
     value, unit = (14.0, "percent") if percent else (0.2, "1 is perfect") if rows[0].function else (5.0, "score units")
-    return f"half_width = {value}             # {unit}: `seqrsm check` shows what can be reached"
+    text = f"half_width = {value}             # {unit}: `seqrsm check` shows what can be reached"
+    loss = f"\nloss = {1.0 if percent else 0.02}                    # expected, against the best settings"
+    return text + loss if engine else text
 
 
 def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
