@@ -26,14 +26,14 @@ MEASURED = "worlds"
 """Kind of the event that keeps a bundle's scores."""
 
 RANKED = "values"
-"""Kind of the event that keeps what each cover's mean does to a score, and what the ground does to other levels."""
+"""Kind of the event that keeps what less doubt of covers' means leaves, and what the ground does to other levels."""
 
 N_WORLDS, OCCASIONS = 16, 2
 LEVEL_WORLDS = 8
 """Worlds in which other levels of categorical factors are held against the recommended ones."""
 
-COVER_OCCASIONS, MATTERS = 5, 0.05
-"""Occasions on which the mean of a cover is moved that gives a score so much of its variance; others on one."""
+COVERS, TRIED_WORLDS, HALVED_WORLDS = 3, 12, 48
+"""Covers whose doubt is halved one after another, chosen in some worlds, and the worlds in which that is told."""
 
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""
@@ -109,19 +109,20 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
     return float(ground.sd_ground / np.sqrt(np.mean(size)))
 
 
-def ranked_values(values: Sequence[Mapping[str, Any]], variance: float = 0.0) -> list[dict[str, Any]]:
-    """Covers with their share of the variance of a score from ground to ground, the largest first.
+def left_of_ground(scores: FloatArray, halved: FloatArray) -> tuple[float, float]:
+    """Share of the variance between grounds that is left, and its standard error from leaving out each world in turn.
 
-    A score that moves by b z + c z^2 with a standard normal z has the variance b^2 + 2 c^2. Of each cover are given
-    ``category``, ``mean_sd``, and the change of the score by that ``up`` and ``down``. ``variance`` is that of the
-    score, in all: covers that give more of it together, each alone, share it; where they give less, the rest is owed to
-    what does not move with a cover's mean, such as its course through the season.
+    ``scores`` and ``halved`` (worlds, occasions) of the same occasions of the same worlds, in the latter with some
+    covers' departures halved. Nothing but such worlds tells it: covers are told apart or not by how they depart from
+    each other, so that what each does alone, at the tables' means, neither adds up nor goes with its square. Not a
+    number where the scores tell no variance between grounds.
     """
-    half = [(0.5 * (float(v["up"]) - float(v["down"])), 0.5 * (float(v["up"]) + float(v["down"]))) for v in values]
-    size = [b**2 + 2.0 * c**2 for b, c in half]
-    total = max(sum(size), variance) or 1.0
-    found = [{**v, "share": s / total} for v, s in zip(values, size, strict=True)]
-    return sorted(found, key=lambda v: -v["share"])
+    if len(scores) < 3:
+        return math.nan, math.nan
+    keep = [np.arange(len(scores)) != one for one in range(-1, len(scores))]  # the first keeps all
+    left = [future_sd(halved[own], math.inf) ** 2 / (future_sd(scores[own], math.inf) ** 2 or math.nan) for own in keep]
+    whole, *without = left
+    return whole, math.sqrt((len(scores) - 1) * float(np.var(without)))
 
 
 def future_sd(scores: FloatArray, runs: float) -> float:

@@ -7,26 +7,27 @@ where it was, and ends with the same result as one that was not.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
 from seqrsm.analysis.ground import (
-    COVER_OCCASIONS,
+    COVERS,
+    HALVED_WORLDS,
     LEVEL_WORLDS,
-    MATTERS,
     MEASURED,
     N_WORLDS,
     OCCASIONS,
     RANKED,
+    TRIED_WORLDS,
     future_sd,
+    left_of_ground,
     measured_ground,
-    ranked_values,
 )
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, coded_settings, evidence, n_determined, scored_runs, see_names
@@ -319,41 +320,50 @@ class Campaign:
                 self.store.add_event(MEASURED, detail, once=("application",))
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
-        """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended.
+        """Simulate what is left of the variance between grounds if covers' means were known twice as well.
 
-        On one occasion, and on more of them for covers that matter there. And how far other levels of its categorical
-        factors gain more or less from ground to ground.
+        At what is recommended. And how far other levels of its categorical factors gain more or less from ground to
+        ground.
         """
-        from seqrsm.campaign.rests_on import mean_sds
-
         for analysis in analyses:
-            settings = analysis.optimum.settings
-            sds, unit = mean_sds(self.spec, settings)
-            change = self._moved(analysis, list(sds), range(1), workers, cluster)
-            of_ground = analysis.optimum.ground.sd_ground**2 if analysis.optimum.ground else 0.0
-            matter = [v["category"] for v in ranked_values(_values(sds, change), of_ground) if v["share"] >= MATTERS]
-            for name, more in self._moved(analysis, matter, range(1, COVER_OCCASIONS), workers, cluster).items():
-                change[name] = np.hstack([change[name], more])
+            halved, unit = self._halved(analysis, workers, cluster)
             detail = {
                 "application": analysis.application,
-                "settings": dict(settings),
+                "settings": dict(analysis.optimum.settings),
                 "unit": unit,
-                "values": _values(sds, change),
+                "halved": halved,
                 "levels": self._other_levels(analysis, workers, cluster),
             }
-            self.store.add_event(RANKED, detail, once=("application", "settings"))
+            self.store.add_event(RANKED, detail, once=("application", "settings", "halved"))
 
-    def _moved(
-        self, analysis: Analysis, covers: list[str], occasions: range, workers: int, cluster: str | None
-    ) -> dict[str, FloatArray]:
-        """Change of the score (2, n_occasions) by each cover's mean a standard deviation up, and down."""
-        from seqrsm.campaign.simulation import one_away_tasks
+    def _halved(
+        self, analysis: Analysis, workers: int, cluster: str | None
+    ) -> tuple[list[dict[str, float | str]], str]:
+        """The covers that move the score most; ``left``: see `left_of_ground`, of each with those before it."""
+        from seqrsm.campaign.rests_on import mean_sds
+        from seqrsm.campaign.simulation import bundle_tasks
 
-        if not covers:
-            return {}
-        tasks = one_away_tasks(self.spec, analysis.optimum.settings, covers, occasions, self.cells_of_ground())
-        scores = self.scores_of(tasks, analysis.application, workers, cluster).reshape(len(occasions), -1).T
-        return dict(zip(covers, (scores[1:] - scores[0]).reshape(len(covers), 2, -1), strict=True))
+        settings, cells = analysis.optimum.settings, self.cells_of_ground()
+        sds, unit = mean_sds(self.spec, settings)
+
+        def scored(covers: Sequence[tuple[str, ...]], worlds: int, occasions: int) -> FloatArray:
+            bundles = [bundle_tasks(self.spec, settings, cells, range(worlds), halved=own) for own in covers]
+            tasks = [task for bundle in bundles for task in bundle[:: OCCASIONS // occasions]]
+            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, worlds, occasions)
+
+        if not sds or not analysis.optimum.of_ground > 0.0:  # nothing is told of it
+            return [], unit
+        first, *tried = scored([(), *((name,) for name in sds)], TRIED_WORLDS, 1)
+        moved = dict(zip(sds, (float(np.nansum(np.square(one - first))) for one in tried), strict=True))
+        names = sorted(sds, key=lambda name: -moved[name])[:COVERS]
+        scores = scored([tuple(names[:n]) for n in range(len(names) + 1)], HALVED_WORLDS, OCCASIONS)
+        first, *rest = scores[:, np.isfinite(scores).all(axis=(0, 2))]
+        found: list[dict[str, float | str]] = []
+        for name, one in zip(names, rest, strict=True):
+            left, se = left_of_ground(first, one)
+            if math.isfinite(se):
+                found.append({"category": name, "mean_sd": sds[name], "left": round(left, 4), "se": round(se, 4)})
+        return found, unit
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
         """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""
@@ -439,13 +449,3 @@ class Campaign:
         from seqrsm.campaign.ingest import ingest_files
 
         return ingest_files(self.store, self.spec, files, dry_run=dry_run, accept=accept)
-
-
-def _values(sds: Mapping[str, float], change: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
-    """What an event keeps of each cover whose mean was moved: its standard deviation, and the mean changes by it."""
-    moved = {name: change[name].mean(axis=1).round(4).tolist() for name in sds}
-    return [
-        {"category": name, "mean_sd": sds[name], "up": up, "down": down}
-        for name, (up, down) in moved.items()
-        if np.isfinite(up + down)
-    ]

@@ -20,7 +20,7 @@ from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scattering.calendar import load_calendar
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
-from seqrsm.scattering.worlds import OneAway, World
+from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
@@ -143,9 +143,10 @@ class SimulationTask:
         Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is.
     members : Mapping
         What members of a set of sensors have of their own, by name.
-    world : int, (str, float) or None
-        Number of the world (`seqrsm.scattering.worlds`); a cover whose mean alone is off by so many of its standard
-        deviations; None: the table's own means.
+    world : int or None
+        Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
+    halved : tuple of str
+        Covers whose means depart by half as much as in that world.
     known_map : str
         Path of the confusion table of a map that is there already, "" for none.
     calendar, late_days : str, int
@@ -162,7 +163,8 @@ class SimulationTask:
     utilities: tuple[tuple[str, str], ...]
     cells: int = 0
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
-    world: int | tuple[str, float] | None = None
+    world: int | None = None
+    halved: tuple[str, ...] = ()
     known_map: str = ""
     calendar: str = ""
     late_days: int = 0
@@ -183,9 +185,7 @@ class SimulationTask:
         table = ENGINES[engine].table(self.table if engine == self.engine else "")
         if self.calendar or self.late_days:
             table = replace(table, calendar=loaded(load_calendar, self.calendar, self.late_days))
-        if self.world is None:
-            return table
-        return table.in_world(World(self.seed, self.world) if isinstance(self.world, int) else OneAway(*self.world))
+        return table if self.world is None else table.in_world(World(self.seed, self.world, self.halved))
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,27 +243,17 @@ def bundle_tasks(
     cells: int = 0,
     worlds: Iterable[int] = range(N_WORLDS),
     key: Callable[[int], int] = lambda number: _BUNDLE + number,
+    halved: tuple[str, ...] = (),
 ) -> list[SimulationTask]:
     """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order.
 
-    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds.
+    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds; ``halved``: see
+    `SimulationTask`.
     """
     return [
-        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w))
+        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w), halved=halved)
         for w in worlds
         for k in range(OCCASIONS)
-    ]
-
-
-def one_away_tasks(
-    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str], occasions: Sequence[int], cells: int
-) -> list[SimulationTask]:
-    """On each occasion the table's own means, then each cover's mean a standard deviation up, and down."""
-    worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]
-    return [
-        replace(task_of(spec, _BUNDLE + occasion, settings, cells=cells), world=world)
-        for occasion in occasions
-        for world in worlds
     ]
 
 
@@ -290,7 +280,7 @@ def score_images(task: SimulationTask, utility: str, images: Sequence[Image], sc
     """Score of a task's images by a utility; several are scored together."""
     known = None
     if task.known_map:
-        ground = task.world if isinstance(task.world, int) else task.run_id
+        ground = task.run_id if task.world is None else task.world
         known = replace(loaded(load_known_map, task.known_map, scene.categories), key=ground)
     return score_by(utility, images, scene, seed=task.seed, run_id=task.run_id, known=known)
 

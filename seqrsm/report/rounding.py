@@ -70,12 +70,6 @@ def _signed(text: str) -> str:
     return text
 
 
-def format_change(value: float, decimals: int) -> str:
-    """Format a change: with its sign, unless it rounds to zero."""
-    text = format_number(value, decimals)
-    return f"+{text}" if value > 0.0 and text.strip("0.") else text
-
-
 def format_significant(value: float, digits: int = 3) -> str:
     """Format a value to a number of significant digits."""
     return format_number(value, decimals_of_significant(value, digits))

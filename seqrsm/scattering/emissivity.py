@@ -26,7 +26,7 @@ from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, 
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_cover
-from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
+from seqrsm.scattering.worlds import World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
 """Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
@@ -168,7 +168,7 @@ class EmissivityTable:
         Standard deviation of the mean that a user states, by category.
     mixes : Mapping
         Shares of other categories, by category, of those that have no curve of their own.
-    world : World, OneAway or None
+    world : World or None
         The world whose means are looked up; None: the table's own.
     calendar : Calendar
         Of the ground.
@@ -180,10 +180,10 @@ class EmissivityTable:
     file: str = ""
     mean_sd: Mapping[str, float] = field(default_factory=dict)
     mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    world: World | OneAway | None = None
+    world: World | None = None
     calendar: Calendar = SHIPPED
 
-    def in_world(self, world: World | OneAway | None) -> EmissivityTable:
+    def in_world(self, world: World | None) -> EmissivityTable:
         """The table with its means and field spreads as a world has them; None: as they stand."""
         return replace(self, world=world)
 

@@ -25,7 +25,7 @@ from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
+from seqrsm.scattering.worlds import World, default_mean_sd
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -113,7 +113,7 @@ class Sigma0Table:
         Correlation of the field-to-field draws of two channels.
     file : str
         The user's file, or "" for the shipped table.
-    world : World, OneAway or None
+    world : World or None
         The world whose means are looked up; None: the table's own.
     calendar : Calendar
         Of the ground.
@@ -123,10 +123,10 @@ class Sigma0Table:
     variability: Mapping[tuple[str, str], Variability]
     channel_correlation: float
     file: str = ""
-    world: World | OneAway | None = None
+    world: World | None = None
     calendar: Calendar = SHIPPED
 
-    def in_world(self, world: World | OneAway | None) -> Sigma0Table:
+    def in_world(self, world: World | None) -> Sigma0Table:
         """The table with its means and field spreads as a world has them; None: as they stand."""
         return replace(self, world=world)
 
@@ -254,7 +254,7 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway | None) -> _Found:
+def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
     """One curve at one state."""
     if curve.wind_m_s.size == 1:
         state = state._replace(wind_m_s=0.0)

@@ -56,10 +56,13 @@ class World:
     ----------
     seed, number : int
         Of the campaign, and of the world in it.
+    halved : tuple of str
+        Covers whose means depart by half as much as in that world.
     """
 
     seed: int
     number: int
+    halved: tuple[str, ...] = ()
 
     def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
         """Standard normal departure (91,) of a cover's mean at incidence angles 0, 1, ..., 90 degrees.
@@ -74,6 +77,8 @@ class World:
             HH, HV, VV of backscatter, H, V of emissivity.
         """
         deviate = _shared(self.seed, self.number, category, kin, frequency_ghz, 0)
+        if category in self.halved:
+            deviate = 0.5 * deviate
         if channel not in ("H", "V"):
             return np.asarray(_of_channel(deviate, channel) @ _BY_ANGLE)
         apart = _EMISSIVITY_OWN * _SLANT**2
@@ -96,29 +101,6 @@ class World:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
         draw = generator(self.seed, self.number, f"world fields {category}").normal()
         return float(np.exp(_FIELD_LOG_SD * draw))
-
-
-@dataclass(frozen=True, slots=True)
-class OneAway:
-    """The tables' own means but for one cover, which is off by so many standard deviations in every channel."""
-
-    category: str
-    deviations: float
-
-    def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
-        """As `World.departure`."""
-        del kin, frequency_ghz, channel
-        return np.full(91, self.deviations if category == self.category else 0.0)
-
-    def season(self, category: str, kin: str, frequency_ghz: float, channel: str, level_days: FloatArray) -> FloatArray:
-        """As `World.season`: the course is the table's own."""
-        del category, kin, frequency_ghz, channel, level_days
-        return np.zeros(_YEAR.size)
-
-    def field_factor(self, category: str) -> float:
-        """As `World.field_factor`."""
-        del category
-        return 1.0
 
 
 def course_deviation(level_days: FloatArray) -> FloatArray:

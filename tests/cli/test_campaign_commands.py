@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import sqlite3
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +14,10 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
-from seqrsm.analysis.ground import RANKED, Ground
+from seqrsm.analysis.ground import RANKED
 from seqrsm.campaign import check
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, one_away_tasks, task_of
+from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
 from seqrsm.cli.app import app
 from seqrsm.plain import shallow
 from seqrsm.simulate import runner
@@ -111,37 +110,33 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
     assert again.detail == last.detail
 
 
-def test_covers_that_matter_are_moved_on_more_occasions(copy, monkeypatch) -> None:
-    """Grass changes the score by 3 up and 6 down but for the occasion, trees by a tenth, bare ground not at all."""
-    campaign = Campaign.open(copy)
-    analyses, moved = campaign.analyse_all(), []
-    effect = {("Grass", 1.0): 3.0, ("Grass", -1.0): -6.0, ("Trees", 1.0): 0.1, ("Trees", -1.0): -0.1}
+def test_covers_that_move_the_score_are_halved_one_after_another(copy, monkeypatch) -> None:
+    """Grass moves the score by 3, trees by 1, bare ground not at all."""
+    campaign, asked = Campaign.open(copy), []
+    departs = np.random.default_rng(3).standard_normal((2, 48))
 
     def scored(tasks, *_):
-        away = [task for task in tasks if not isinstance(task.world, int)]
-        moved.extend((task.world, task.run_id) for task in away)
-        return np.array([50.0 + effect.get(t.world, 0.0) * (1.0 + t.run_id % 5) for t in tasks])
+        asked.append([(task.world, task.run_id, task.halved) for task in tasks])
+        moves = {"Grass": 3.0 * departs[0], "Trees": departs[1]}
+        size = {True: 0.5, False: 1.0}
+        return np.array([50.0 + sum(size[n in t.halved] * moves[n][t.world - 2**30] for n in moves) for t in tasks])
 
     monkeypatch.setattr(Campaign, "scores_of", staticmethod(scored))
     monkeypatch.setattr(Campaign, "_other_levels", lambda *_: [])
     with sqlite3.connect(copy / "campaign.db") as base:
         base.execute("delete from events where kind = ?", (RANKED,))
     base.close()
-    campaign.rank_values(analyses)
-    assert len(moved) == len(set(moved))
-    occasions = {world: [run for at, run in moved if at == world] for world, _ in moved}
-    assert {world: len(runs) for world, runs in occasions.items()} == {
-        None: 5, ("Grass", 1.0): 5, ("Grass", -1.0): 5,
-        ("Trees", 1.0): 1, ("Trees", -1.0): 1, ("Bareground", 1.0): 1, ("Bareground", -1.0): 1,
-    }  # fmt: skip
-    assert set(occasions["Grass", 1.0]) == set(occasions[None])
-    values = {v["category"]: v for v in campaign.store.events(kind=RANKED)[-1].detail["values"]}
-    assert (values["Grass"]["up"], values["Grass"]["down"]) == pytest.approx((9.0, -18.0))
-    assert values["Bareground"]["up"] == 0.0
-    moved.clear()
-    far = [replace(a, optimum=replace(a.optimum, ground=Ground(200.0, 1.0, 16, 32, 0.98))) for a in analyses]
-    campaign.rank_values(far)  # of which no cover alone explains a twentieth
-    assert {run for _, run in moved} == {min(occasions[None])}
+    campaign.rank_values(campaign.analyse_all())
+    (event,) = campaign.store.events(kind=RANKED)
+    names = [one["category"] for one in event.detail["halved"]]
+    assert names[:2] == ["Grass", "Trees"]
+    alone = np.var(1.5 * departs[0] + departs[1]) / np.var(3.0 * departs[0] + departs[1])
+    left = [one["left"] for one in event.detail["halved"]]
+    assert left == pytest.approx([alone, *(0.25 for _ in names[1:])], abs=1e-4)
+    tried, told = asked
+    assert {run for _, run, _ in told} == {2**30 + k for k in range(96)}
+    assert [halved for _, _, halved in told[::96]] == [(), ("Grass",), ("Grass", "Trees"), tuple(names)]
+    assert {world for world, _, _ in tried} == {2**30 + k for k in range(12)}
 
 
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
@@ -157,11 +152,10 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
-    away = one_away_tasks(spec, settings, ["Wheat"], range(2), 0)
-    plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[:3])
-    assert down < plain < up
-    assert [task.run_id for task in away[:3]] == [away[0].run_id] * 3
-    assert [task.world for task in away[3:]] == [task.world for task in away[:3]]
+    half = bundle_tasks(spec, settings, halved=("Wheat",))
+    assert [(task.world, task.run_id) for task in half] == [(task.world, task.run_id) for task in bundle]
+    of = [t.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for t in (none, half[0], bundle[0])]
+    assert of[1] == pytest.approx(np.sqrt(of[0] * of[2]))
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:

@@ -8,10 +8,9 @@ import inspect
 import math
 import pkgutil
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -290,44 +289,39 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
         ),
         capsys,
     )
-    (small,) = _measured(studied.analyses[0], 0.0032, -0.0021, sd=0.003).blocks[-1].rows
-    assert small[2].text == "+0.0032 / \u22120.0021"  # of a skill between 0 and 1
-    (only,) = _measured(studied.analyses[0], 0.0032, -0.0021).blocks
-    assert "No cover alone has a share of 0.5" in str(only)
 
 
 def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> None:
-    """From 8 to 11, say: in one column, and the smallest with two digits."""
+    """From 8 to 11, say: in one column, and the smallest with two digits. Of 11, 0.64 of its square is the ground's."""
     best = studied.analyses[0].optimum
     stretched = dataclasses.replace(best, whole=Interval(best.mean - 11.0, best.mean + 11.0))
     analysis = dataclasses.replace(studied.analyses[0], optimum=stretched)
-    water = {"category": "Water", "mean_sd": 2.3, "up": 0.5, "down": -0.5}
-    grass, water_left = (row[-1].text for row in _measured(analysis, more=[water]).blocks[-1].rows)
-    assert (grass, water_left) == ("8.0", "11.0")
+    section = _measured(analysis)
+    assert "one flight over the site would leave 8.5\xa0percent" in section.blocks[0].text
+    grass, water = ([cell if isinstance(cell, str) else cell.text for cell in row] for row in section.blocks[-1].rows)
+    assert grass == ["Grass", "\u00b1 2.6 dB", "10.2", "0.8"]
+    assert water == ["and Water", "\u00b1 2.3 dB", "8.0", "0.5"]
 
 
-def test_what_no_cover_explains_of_the_ground_is_told_and_not_shared_out(studied) -> None:
-    """Of a standard deviation of 4 from ground to ground a cover that moves the score by 1 explains a sixteenth."""
-    section = _measured(studied.analyses[0], 1.0, -1.0)
-    text, rows = str(section.blocks[0]), section.blocks[-1].rows
-    assert "94 % of the table uncertainty is not due to the level of one cover" in text
-    assert rows[0][3].text == "6 %"
-    assert "not due to" not in str(_measured(studied.analyses[0]).blocks[0])
-
-
-def _measured(
-    analysis: Analysis, up: float = 6.0, down: float = 1.5, more: Sequence[dict[str, Any]] = (), sd: float = 4.0
-) -> Section:
-    """What to measure, where half of the interval is the ground's."""
+def _measured(analysis: Analysis) -> Section:
+    """What to measure, where most of the interval is the ground's."""
     best = analysis.optimum
     chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
     known = dataclasses.replace(
-        analysis, optimum=dataclasses.replace(best, ground=Ground(sd, 3.0, 16, 32, 0.6), by_chance=chance)
+        analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=chance)
     )
-    values = [{"category": "Grass", "mean_sd": 2.6, "up": up, "down": down}, *more]
-    detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "values": values}
-    found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail),), "measure")
+    halved = [
+        {"category": "Grass", "mean_sd": 2.6, "left": 0.78, "se": 0.2},
+        {"category": "Water", "mean_sd": 2.3, "left": 0.2645, "se": 0.11},
+    ]
+    detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "halved": halved}
+    older = EventRecord(2, "", "", None, None, RANKED, {name: detail[name] for name in ("application", "settings")})
+    found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail), older), "measure")
     assert found is not None
+    assert measure_section(known, (older,), "measure") is None
+    without = EventRecord(1, "", "", None, None, RANKED, {**detail, "halved": []})
+    (only,) = measure_section(known, (without,), "measure").blocks
+    assert "one flight" in str(only)
     assert measure_section(analysis, (), "measure") is None
     return found
 

@@ -10,7 +10,7 @@ import pytest
 
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import fit_surface
-from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, prior_of_difference, ranked_values
+from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, left_of_ground, prior_of_difference
 from seqrsm.analysis.runs import ResponseScale, ScoredRuns, response_scale, scored_runs
 from seqrsm.analysis.surfaces import TwoSources, expected_of_flights, surface_of
 from seqrsm.arrays import BoolArray, FloatArray
@@ -125,19 +125,20 @@ def test_what_flights_can_do_where_simulation_cannot() -> None:
     assert flights_needed(StopRule(half_width=1.0), 6.0) is None
 
 
-def test_covers_are_ranked_by_the_variance_they_give() -> None:
-    z = np.random.default_rng(4).standard_normal(400_000)
-    moves = {"Grass": (2.0, 1.5), "Wheat": (1.0, 0.0), "Water": (0.0, 0.0)}
-    values = [{"category": n, "mean_sd": 2.0, "up": c + b, "down": c - b} for n, (b, c) in moves.items()]
-    found = ranked_values(values[::-1])
-    assert [v["category"] for v in found] == ["Grass", "Wheat", "Water"]
-    of = [np.var(b * z + c * z**2) for b, c in moves.values()]
-    assert [v["share"] for v in found] == pytest.approx(np.array(of) / sum(of), rel=0.01)
-    assert [v["share"] for v in ranked_values(values[2:])] == [0.0]
-    assert sum(v["share"] for v in ranked_values(values, 0.5 * sum(of))) == pytest.approx(1.0)
-    assert [v["share"] for v in ranked_values(values, 4.0 * sum(of))] == pytest.approx(
-        np.array(of) / (4.0 * sum(of)), rel=0.01
-    )
+def test_what_is_left_of_the_ground_and_its_error() -> None:
+    """Half of a part with 0.8 of the variance leaves 0.4; how estimates scatter from set to set is their error."""
+    rng = np.random.default_rng(4)
+
+    def found(worlds: int) -> tuple[float, float]:
+        one, other = np.sqrt([[0.8], [0.2]]) * rng.standard_normal((2, worlds))
+        chance = 0.7 * rng.standard_normal((2, worlds, 2))
+        return left_of_ground((one + other)[:, None] + chance[0], (0.5 * one + other)[:, None] + chance[1])
+
+    sets = np.array([found(48) for _ in range(400)])
+    assert sets[:, 0].mean() == pytest.approx(0.4, abs=0.02)
+    assert np.sqrt(np.mean(np.square(sets[:, 1]))) == pytest.approx(sets[:, 0].std(), rel=0.15)
+    assert np.isnan(left_of_ground(np.ones((16, 2)), np.ones((16, 2)))).all()
+    assert np.isnan(left_of_ground(np.ones((2, 2)), np.ones((2, 2)))).all()
 
 
 def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
