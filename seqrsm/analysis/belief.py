@@ -219,8 +219,9 @@ class Belief:
 
     def sd_of_run(self, point: FloatArray, reach: float = 1.0) -> float:
         """Standard deviation of a future run at a coded point (k,) in score units, from so many to either side."""
-        mean, half = float(self.mean(point[None, :])[0]), reach * self.scatter(point)[0]
-        return self.surface.scale.in_scores(mean - half, mean + half).half_width / reach
+        half = reach * self.scatter(point)[0]
+        low, high = self.surface.scale.to_score(self.mean(point[None, :]), scatter=np.array([-half, half]))
+        return float(high - low) / (2.0 * reach)
 
     def optima(
         self, point: FloatArray, made: FloatArray, n: int, seed: int | np.random.Generator
@@ -262,8 +263,9 @@ def intervals(
     bands = {m: belief.bands(at, level, weight, m) for m in dict.fromkeys(replicates)}
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
-    wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    found = [scale.in_scores(one.low, one.high, m) for one, m in zip(wide, (np.inf, *replicates), strict=True)]
+    of_mean, *wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
+    ends = [scale.of_runs(of_mean, one, m) for one, m in zip(wide, replicates, strict=True)]
+    found = [scale.in_scores(of_mean.low, of_mean.high), *(Interval(float(low), float(high)) for low, high in ends)]
     # Counts that scatter less than counts can: what single runs may score would not hold the mean, see `to_score`.
     held = tuple(one.around(found[0]) for one in found)
     return float(scale.to_score(first.mean - taken_off)[0]), held

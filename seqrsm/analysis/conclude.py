@@ -332,7 +332,9 @@ def _confirmation(
         unit=application.score_unit,
     )
     of_mean = Interval(interval.low, interval.high).within(*application.score_limits)
-    expected = scale.in_scores(wide.low, wide.high, len(scores)).within(*application.score_limits)
+    own = Interval(float(predicted.confidence.low[0]), float(predicted.confidence.high[0])).also_less(taken_off)
+    low, high = scale.of_runs(own, wide, len(scores))
+    expected = Interval(float(low), float(high)).within(*application.score_limits)
     verdict, half = "in line with" if agreement.agrees else "contradicting", of_mean.half_width
     measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
     text = (

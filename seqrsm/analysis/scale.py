@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
 from seqrsm.fit.weights import expected_shares, share_variance, unbiased_logits
 
@@ -112,17 +113,22 @@ class ResponseScale:
         unit = float(1.0 / np.mean(1.0 / variance))
         return cls(kind, values, unit / variance, unit, float(np.median(trials)))
 
-    def to_score(self, values: FloatArray, runs: float = np.inf) -> FloatArray:
+    def to_score(self, values: FloatArray, runs: float = np.inf, scatter: FloatArray | float = 0.0) -> FloatArray:
         """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.
 
+        ``scatter`` is what runs depart by from the mean. Of percentages without counts it is equal in percent, by which
+        they are weighted, and not bent as logits are, which near 100 % would leave out 100 and reach far too low.
         Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent. Scores are then those
         that there can be: an end at 99.9 percent would leave out 100 correct of 100.
         """
         if self.kind == "identity":
-            return values
+            return np.asarray(values + scatter)
+        if np.isfinite(self.trials):
+            values, scatter = values + scatter, 0.0
         percent, count = logit_to_percent(values), self.trials * runs
+        percent = percent + percent * (1.0 - percent / 100.0) * scatter
         if not np.isfinite(count):
-            return percent
+            return np.asarray(percent)
         return np.asarray(100.0 / count * np.rint(np.clip(percent * (count + 1.0) / 100.0 - 0.5, 0.0, count)))
 
     def centred(self, scores: FloatArray, counts: FloatArray | None = None) -> FloatArray:
@@ -137,10 +143,22 @@ class ResponseScale:
         together = logit_scores(np.average(scores, weights=shares, keepdims=True), counts=total)
         return np.asarray(logits - np.mean(logits) + together)
 
-    def in_scores(self, low: float, high: float, runs: float = np.inf) -> Interval:
-        """An interval of the scale of the fit, in score units: for means, or for the mean of so many future runs."""
-        ends = self.to_score(np.array([low, high]), runs)
+    def in_scores(self, low: float, high: float) -> Interval:
+        """An interval of a mean on the scale of the fit, in score units."""
+        ends = self.to_score(np.array([low, high]))
         return Interval(float(ends[0]), float(ends[1]))
+
+    def of_runs(self, mean: Interval | Ends, future: Interval | Ends, runs: float) -> tuple[FloatArray, FloatArray]:
+        """Ends in score units of prediction intervals of the mean of so many ``runs``; ``mean``: those of the mean."""
+        ends, own = np.array([future.low, future.high]), np.array([mean.low, mean.high])
+        if self.kind == "identity" or np.isfinite(self.trials):
+            low, high = self.to_score(ends, runs)
+            return low, high
+        middle = ends.mean(axis=0)
+        centre = self.to_score(middle)
+        chance = 0.5 * np.sqrt(np.maximum(np.square(ends[1] - ends[0]) - np.square(own[1] - own[0]), 0.0))
+        low, high = np.hypot(self.to_score(own) - centre, self.to_score(middle, runs, chance) - centre)
+        return centre - low, centre + high
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""

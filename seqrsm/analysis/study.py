@@ -9,6 +9,7 @@ import numpy as np
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.runs import block_labels
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, UserError
 from seqrsm.fit.intervals import FTest
@@ -36,10 +37,8 @@ def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockS
             return None
         weight = float(scale.weight_at(surface.predict(row).mean)[0]) / surface.errors.run_variance
         found = days.predict(row, level, weight=weight)
-        confidence, prediction = (
-            scale.in_scores(float(one.low[0]), float(one.high[0]), runs)
-            for one, runs in ((found.confidence, np.inf), (found.prediction, 1.0))
-        )
+        confidence = scale.in_scores(float(found.confidence.low[0]), float(found.confidence.high[0]))
+        prediction = Interval(*(float(end[0]) for end in scale.of_runs(found.confidence, found.prediction, 1.0)))
         new = BlockResponse(float(scale.to_score(found.mean)[0]), confidence, prediction)
         sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)

@@ -171,16 +171,16 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
     name, limits, unlimited = spec.applications[0].name, spec.applications[0].score_limits, known.scale.to_score
     trials = round(known.scale.trials) if np.isfinite(known.scale.trials) else None
 
-    def to_score(values: FloatArray, runs: float = np.inf) -> FloatArray:
-        return np.clip(unlimited(values, runs), *limits)
+    def to_score(values: FloatArray, runs: float = np.inf, scatter: FloatArray | float = 0.0) -> FloatArray:
+        return np.clip(unlimited(values, runs, scatter), *limits)
 
     def score(points: FloatArray) -> list[NewScore]:
-        values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
+        values, scatter = truth.mean(points), truth.sd(points) * rng.standard_normal(len(points))
         if truth.of_day:
-            values += truth.of_day * rng.standard_normal()
+            scatter += truth.of_day * rng.standard_normal()
         # The rule asks whether the optimum beats a guess, where that was simulated.
         of_guess = {"guess": known.data.guess}
-        scores = [float(one) for one in to_score(values, 1.0)]
+        scores = [float(one) for one in to_score(values, 1.0, scatter)]
         if trials is None:
             return [NewScore(name, one, metadata=of_guess) for one in scores]
         counted = [round(one * trials / 100.0) for one in scores]
@@ -190,13 +190,13 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
     best = analysis.optimum
     at = best.point[None, :]
     mean, sd = truth.mean(at), np.hypot(truth.sd(at), truth.of_day)
-    future = to_score(mean + sd * rng.standard_normal((400, 1)), 1.0)
+    future = to_score(mean, 1.0, sd * rng.standard_normal((400, 1)))
     # Flights of one day, over one ground: its part of the scatter is theirs in common.
     share = (truth.of_day / sd) ** 2 if truth.of_day else analysis.fitted.ground_share
     common, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
-    several = np.mean(to_score(mean + sd * (np.sqrt(share) * common + np.sqrt(1.0 - share) * chance), 1.0), axis=1)
+    several = np.mean(to_score(mean, 1.0, sd * (np.sqrt(share) * common + np.sqrt(1.0 - share) * chance)), axis=1)
     # What the ends of the scale keep from the scatter moves the mean.
-    scattered = unlimited(mean + sd * ndtri((np.arange(400) + 0.5) / 400.0))
+    scattered = unlimited(mean, scatter=sd * ndtri((np.arange(400) + 0.5) / 400.0))
     true = unlimited(mean) + np.mean(np.clip(scattered, *limits) - scattered)
     covered = {
         "confidence": _share(true, best.confidence),

@@ -38,7 +38,7 @@ _LOGIT_SD, _LOGIT_INTERCEPT_SD = 2.5, 10.0  # prior of the coefficients of a log
 class Scale(Protocol):
     """The scale of the fit; ``seqrsm.analysis.scale.ResponseScale`` is one."""
 
-    def to_score(self, values: FloatArray, runs: float = ...) -> FloatArray:
+    def to_score(self, values: FloatArray, runs: float = ..., scatter: FloatArray = ...) -> FloatArray:
         """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score."""
 
     def weight_at(self, values: FloatArray) -> FloatArray:
@@ -214,7 +214,7 @@ class ErrorModel:
         block = draws.of_blocks(rng)
         noise = self.noise((len(here), replicates), rng)
         spread = draws.sigma[:, None] / np.sqrt(scale.weight_at(here[:, None] + block))
-        return scale.to_score(here[:, None] + (block + spread * noise), 1.0)
+        return scale.to_score(here[:, None] + block, 1.0, spread * noise)
 
 
 class Additive(ErrorModel):

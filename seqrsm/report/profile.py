@@ -40,13 +40,13 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     levels = _levels(analysis)
     starts = [int(np.argmin(np.abs(np.array(coded) - best.point[j]))) for j, coded in enumerate(levels)]
     points = np.array(list(itertools.product(*levels)))
-    places, to_score = score_decimals(analysis), analysis.scale.to_score
+    places, scale = score_decimals(analysis), analysis.scale
     lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)
 
     def scores(some: FloatArray) -> FloatArray:
         found = predict(analysis, some)
         means, future = (found.mean, found.confidence.low, found.confidence.high), found.prediction
-        return np.column_stack([*map(to_score, means), to_score(future.low, 1.0), to_score(future.high, 1.0)])
+        return np.column_stack([*map(scale.to_score, means), *scale.of_runs(found.confidence, future, 1.0)])
 
     # By parts: of many settings and runs the covariances would not stay in the processor's cache.
     table = np.vstack([scores(some) for some in np.array_split(points, len(points) // MOST_NODES + 1)])

@@ -128,14 +128,49 @@ def test_future_shares_of_few_decisions_are_covered(trials, top, most):
         scale = ResponseScale.of_counts("logit", percent, n, Z)
         fit = fit_least_squares(Z, scale.values, ["1", "x", "x^2"], weights=scale.weights)
         at = np.array([[1.0, 0.0, 0.0]])
-        ends = fit.predict(at, weight=float(scale.weight_at(at @ fit.estimate)[0])).prediction
+        found = fit.predict(at, weight=float(scale.weight_at(at @ fit.estimate)[0]))
         future = 100.0 * rng.binomial(trials, p[2], 300) / trials
-        for runs in (1.0, np.inf):
-            one = scale.in_scores(float(ends.low[0]), float(ends.high[0]), runs)
-            covered.append(np.mean((future >= one.low) & (future <= one.high)))
-    ours, plain = np.mean(np.reshape(covered, (-1, 2)), axis=0)
+        ours, plain = scale.of_runs(found.confidence, found.prediction, 1.0), scale.to_score(np.ravel(ends(found)))
+        covered.append([np.mean((future >= low) & (future <= high)) for low, high in (ours, plain)])
+    ours, plain = np.mean(covered, axis=0)
     assert ours > 0.95
     assert plain < most
+
+
+def ends(found):
+    return found.prediction.low, found.prediction.high
+
+
+@pytest.mark.parametrize("best", [0.9, 0.95, 0.98, 0.99])
+def test_future_percentages_without_counts_are_covered(best):
+    """Shares of 100 to 400 decisions, rounded to half a percent: ends on the logit scale leave out scores of 100."""
+    rng, covered = np.random.default_rng(3), []
+    x = np.tile(np.linspace(-1.0, 1.0, 5), 5)
+    Z = np.column_stack([np.ones(25), x, x**2])
+    p = 1.0 / (1.0 + np.exp(-(Z @ [np.log(best / (1.0 - best)), 0.2, -2.5])))
+
+    def scored(share, size):
+        trials = rng.choice([100, 150, 200, 300, 400], size)
+        return 0.5 * np.round(200.0 * rng.binomial(trials, share) / trials)
+
+    at = np.array([[1.0, 0.0, 0.0]])
+    for _ in range(200):
+        scale = ResponseScale.of("logit", scored(p, 25), Z)
+        fit = fit_least_squares(Z, scale.values, ["1", "x", "x^2"], weights=scale.weights)
+        weight = float(scale.weight_at(at @ fit.estimate)[0])
+        one, five = (fit.predict(at, weight=weight, replicates=m) for m in (1, 5))
+        future = scored(best, (300, 5))
+        several = np.mean(future, axis=1)
+        told = (
+            (future[:, 0], scale.of_runs(one.confidence, one.prediction, 1.0)),
+            (several, scale.of_runs(five.confidence, five.prediction, 5.0)),
+            (future[:, 0], scale.to_score(np.ravel(ends(one)))),
+        )
+        covered.append([np.mean((y >= low) & (y <= high)) for y, (low, high) in told])
+    of_one, of_five, plain = np.mean(covered, axis=0)
+    assert of_one > 0.94
+    assert of_five > 0.94
+    assert plain < (0.85 if best == 0.99 else 0.99)
 
 
 def test_decisions_that_go_together_do_not_raise_the_logit():

@@ -147,17 +147,19 @@ def _line(
 ) -> Line:
     """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
     shown = predict(analysis, points)
-    confidence, prediction = (
-        Interval(_scores(analysis, one.low, runs), _scores(analysis, one.high, runs))
-        for one, runs in ((shown.confidence, np.inf), (shown.prediction, 1.0))
+    limits, future = (
+        analysis.fitted.application.score_limits,
+        analysis.scale.of_runs(shown.confidence, shown.prediction, 1.0),
     )
+    confidence = Interval(_scores(analysis, shown.confidence.low), _scores(analysis, shown.confidence.high))
+    prediction = Interval(*(np.clip(end, *limits) for end in future))
     allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
     return Line(index, natural, _scores(analysis, shown.mean), confidence, prediction, allowed, run_x, run_score)
 
 
-def _scores(analysis: Analysis, values: FloatArray, runs: float = np.inf) -> FloatArray:
+def _scores(analysis: Analysis, values: FloatArray) -> FloatArray:
     """Scores of values on the scale of the fit, as far as there can be such scores."""
-    return np.clip(analysis.scale.to_score(values, runs), *analysis.fitted.application.score_limits)
+    return np.clip(analysis.scale.to_score(values), *analysis.fitted.application.score_limits)
 
 
 def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:
