@@ -318,6 +318,9 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     region = _checked(folder, raw, single, repeated, report)
     if report.problems or region is None:
         return None
+    if single["model"].response == "logit":
+        for application in repeated["application"]:
+            application.on_logit_scale()
     return CampaignSpec(
         **single["campaign"].model_dump(),
         folder=folder,

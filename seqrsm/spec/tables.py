@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
@@ -181,6 +182,10 @@ class ApplicationSpec(Table):
         """Look the utility up once: a look at the scores asks again and again."""
         del context
         self._row = utility_of(self.utility)
+
+    def on_logit_scale(self) -> None:
+        """Scores end at 0 and 100, also where the utility does not say so."""
+        self._row = replace(self._row, least=0.0, most=100.0)
 
     @property
     def is_error(self) -> bool:

@@ -131,6 +131,15 @@ def test_the_compromise_weighs_percent_of_logits_from_unacceptable_to_ideal(tmp_
 # the runs that enter -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("errors", ["normal", "student_t"])
+def test_a_measured_percentage_on_the_logit_scale_is_promised_no_more_than_100(tmp_path: Path, errors: str) -> None:
+    text = specification(numeric(2), rest=f'[model]\nresponse = "logit"\nerrors = "{errors}"\n')
+    scores = np.minimum(np.round(2.0 * (99.0 - 3.0 * np.sum(np.square(POINTS), axis=1) + NOISE)) / 2.0, 100.0)
+    found = analysed(tmp_path / "c", text, POINTS, scores).optimum
+    assert found.prediction.high == 100.0
+    assert max(promised(found)) == 100.0
+
+
 def test_confirmation_runs_are_evidence_once_later_runs_are_scored() -> None:
     def run(number: int, batch: int, purpose: str = "optimum"):
         return scored_run(number, batch, NewRun({"x0": 0.0}, purpose), NewScore("score", 70.0))
