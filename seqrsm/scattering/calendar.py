@@ -32,7 +32,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 from seqrsm.scattering.readers import COVER, Row, shipped_rows
-from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
+from seqrsm.scattering.worlds import World, course_deviation, default_mean_sd
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -173,7 +173,7 @@ class Calendar:
         channel: str,
         level_db: FloatArray,
         soil_db: float,
-        world: World | OneAway | None,
+        world: World | None,
     ) -> Course:
         """Course of the backscatter of categories through the year, departing as in a world.
 
