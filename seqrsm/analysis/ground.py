@@ -26,14 +26,14 @@ MEASURED = "worlds"
 """Kind of the event that keeps a bundle's scores."""
 
 RANKED = "values"
-"""Kind of the event that keeps what less doubt of covers' means leaves, and what the ground does to other levels."""
+"""Kind of the event that keeps what knowing covers would leave, and what the ground does to other levels."""
 
 N_WORLDS, OCCASIONS = 16, 2
 LEVEL_WORLDS = 8
 """Worlds in which other levels of categorical factors are held against the recommended ones."""
 
-COVERS, TRIED_WORLDS, HALVED_WORLDS = 3, 12, 48
-"""Covers whose doubt is halved one after another, chosen in some worlds, and the worlds in which that is told."""
+COVERS, TRIED_WORLDS, KNOWN_WORLDS = 3, 6, 32
+"""Covers of which is told what knowing them would bring, chosen in some worlds, and the worlds that tell it."""
 
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""
@@ -109,20 +109,16 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
     return float(ground.sd_ground / np.sqrt(np.mean(size)))
 
 
-def left_of_ground(scores: FloatArray, halved: FloatArray) -> tuple[float, float]:
-    """Share of the variance between grounds that is left, and its standard error from leaving out each world in turn.
+def left_of_ground(scores: FloatArray, elsewhere: FloatArray, sd_ground: float) -> tuple[float, float]:
+    """Share of the variance between grounds that knowing some covers exactly would leave at least; its standard error.
 
-    ``scores`` and ``halved`` (worlds, occasions) of the same occasions of the same worlds, in the latter with some
-    covers' departures halved. Nothing but such worlds tells it: covers are told apart or not by how they depart from
-    each other, so that what each does alone, at the tables' means, neither adds up nor goes with its square. Not a
-    number where the scores tell no variance between grounds.
+    ``scores`` and ``elsewhere`` (worlds,) of the same occasion of each world, so that chance is in both alike; in the
+    latter these covers are as in another world: Jansen's estimate of their total effect (Saltelli et al. 2010, Comput.
+    Phys. Commun. 181, 259, table 2). Knowing them takes off no more, and less where the score rests on how they differ
+    from others: covers are told apart by that.
     """
-    if len(scores) < 3:
-        return math.nan, math.nan
-    keep = [np.arange(len(scores)) != one for one in range(-1, len(scores))]  # the first keeps all
-    left = [future_sd(halved[own], math.inf) ** 2 / (future_sd(scores[own], math.inf) ** 2 or math.nan) for own in keep]
-    whole, *without = left
-    return whole, math.sqrt((len(scores) - 1) * float(np.var(without)))
+    total = 0.5 * np.square(scores - elsewhere) / sd_ground**2
+    return max(1.0 - float(total.mean()), 0.0), float(total.std(ddof=1)) / math.sqrt(len(total))
 
 
 def future_sd(scores: FloatArray, runs: float) -> float:

@@ -11,14 +11,14 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
 from seqrsm.analysis.ground import (
     COVERS,
-    HALVED_WORLDS,
+    KNOWN_WORLDS,
     LEVEL_WORLDS,
     MEASURED,
     N_WORLDS,
@@ -320,50 +320,50 @@ class Campaign:
                 self.store.add_event(MEASURED, detail, once=("application",))
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
-        """Simulate what is left of the variance between grounds if covers' means were known twice as well.
+        """Simulate what would be left of the variance between grounds if covers were known.
 
         At what is recommended. And how far other levels of its categorical factors gain more or less from ground to
         ground.
         """
         for analysis in analyses:
-            halved, unit = self._halved(analysis, workers, cluster)
+            known, unit = self._known(analysis, workers, cluster)
             detail = {
                 "application": analysis.application,
                 "settings": dict(analysis.optimum.settings),
                 "unit": unit,
-                "halved": halved,
+                "known": known,
                 "levels": self._other_levels(analysis, workers, cluster),
             }
-            self.store.add_event(RANKED, detail, once=("application", "settings", "halved"))
+            self.store.add_event(RANKED, detail, once=("application", "settings", "known"))
 
-    def _halved(
-        self, analysis: Analysis, workers: int, cluster: str | None
-    ) -> tuple[list[dict[str, float | str]], str]:
-        """The covers that move the score most; ``left``: see `left_of_ground`, of each with those before it."""
+    def _known(self, analysis: Analysis, workers: int, cluster: str | None) -> tuple[list[dict[str, Any]], str]:
+        """The covers that move the score most, each and all: what they would leave, see `left_of_ground`; the unit."""
         from seqrsm.campaign.rests_on import mean_sds
         from seqrsm.campaign.simulation import bundle_tasks
 
-        settings, cells = analysis.optimum.settings, self.cells_of_ground()
+        settings, cells, ground = analysis.optimum.settings, self.cells_of_ground(), analysis.optimum.ground
         sds, unit = mean_sds(self.spec, settings)
-
-        def scored(covers: Sequence[tuple[str, ...]], worlds: int, occasions: int) -> FloatArray:
-            bundles = [bundle_tasks(self.spec, settings, cells, range(worlds), halved=own) for own in covers]
-            tasks = [task for bundle in bundles for task in bundle[:: OCCASIONS // occasions]]
-            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, worlds, occasions)
-
-        if not sds or not analysis.optimum.of_ground > 0.0:  # nothing is told of it
+        if ground is None or not analysis.optimum.of_ground > 0.0:  # nothing is told of it
             return [], unit
-        first, *tried = scored([(), *((name,) for name in sds)], TRIED_WORLDS, 1)
+
+        def scored(covers: Sequence[tuple[str, ...]], worlds: range) -> FloatArray:
+            bundles = [bundle_tasks(self.spec, settings, cells, worlds, elsewhere=own) for own in ((), *covers)]
+            tasks = [task for bundle in bundles for task in bundle[::OCCASIONS]]  # one occasion of each world
+            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(worlds))
+
+        first, *tried = scored([(name,) for name in sds], range(TRIED_WORLDS))
         moved = dict(zip(sds, (float(np.nansum(np.square(one - first))) for one in tried), strict=True))
         names = sorted(sds, key=lambda name: -moved[name])[:COVERS]
-        scores = scored([tuple(names[:n]) for n in range(len(names) + 1)], HALVED_WORLDS, OCCASIONS)
-        first, *rest = scores[:, np.isfinite(scores).all(axis=(0, 2))]
-        found: list[dict[str, float | str]] = []
-        for name, one in zip(names, rest, strict=True):
-            left, se = left_of_ground(first, one)
-            if math.isfinite(se):
-                found.append({"category": name, "mean_sd": sds[name], "left": round(left, 4), "se": round(se, 4)})
-        return found, unit
+        asked = [(name,) for name in names] + [tuple(names)] * (len(names) > 1)
+        scores = scored(asked, range(TRIED_WORLDS, TRIED_WORLDS + KNOWN_WORLDS))
+        first, *rest = scores[:, np.isfinite(scores).all(axis=0)]
+        if len(first) < 2:
+            return [], unit
+        found: list[dict[str, Any]] = []
+        for own, one in zip(asked, rest, strict=True):
+            left, se = (round(value, 4) for value in left_of_ground(first, one, ground.sd_ground))
+            found.append({"covers": own, "mean_sd": sds[own[0]], "left": left, "se": se})
+        return sorted(found, key=lambda one: (len(one["covers"]), one["left"])), unit
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
         """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""

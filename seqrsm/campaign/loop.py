@@ -242,7 +242,7 @@ class _ClosedLoop:
         campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
         rests = {}
         if campaign.spec.simulator is not None:
-            told = [event.detail["settings"] for event in store.events(kind=RANKED) if "halved" in event.detail]
+            told = [event.detail["settings"] for event in store.events(kind=RANKED) if "known" in event.detail]
             if any(one.optimum.settings not in told for one in analyses):
                 self.say("simulating other grounds at the recommended settings")
                 with self._timed("rank"):

@@ -145,8 +145,8 @@ class SimulationTask:
         What members of a set of sensors have of their own, by name.
     world : int or None
         Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
-    halved : tuple of str
-        Covers whose means depart by half as much as in that world.
+    elsewhere : tuple of str
+        Covers that are as in another world.
     known_map : str
         Path of the confusion table of a map that is there already, "" for none.
     calendar, late_days : str, int
@@ -164,7 +164,7 @@ class SimulationTask:
     cells: int = 0
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     world: int | None = None
-    halved: tuple[str, ...] = ()
+    elsewhere: tuple[str, ...] = ()
     known_map: str = ""
     calendar: str = ""
     late_days: int = 0
@@ -185,7 +185,7 @@ class SimulationTask:
         table = ENGINES[engine].table(self.table if engine == self.engine else "")
         if self.calendar or self.late_days:
             table = replace(table, calendar=loaded(load_calendar, self.calendar, self.late_days))
-        return table if self.world is None else table.in_world(World(self.seed, self.world, self.halved))
+        return table if self.world is None else table.in_world(World(self.seed, self.world, self.elsewhere))
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,15 +243,15 @@ def bundle_tasks(
     cells: int = 0,
     worlds: Iterable[int] = range(N_WORLDS),
     key: Callable[[int], int] = lambda number: _BUNDLE + number,
-    halved: tuple[str, ...] = (),
+    elsewhere: tuple[str, ...] = (),
 ) -> list[SimulationTask]:
     """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order.
 
-    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds; ``halved``: see
+    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds; ``elsewhere``: see
     `SimulationTask`.
     """
     return [
-        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w), halved=halved)
+        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w), elsewhere=elsewhere)
         for w in worlds
         for k in range(OCCASIONS)
     ]

@@ -40,6 +40,7 @@ _COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH 
 _EMISSIVITY_OWN: Final = 0.3
 _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
 _ANGLE_RATE: Final = 2.0
+_ELSEWHERE: Final = 2**40
 _FIELD_LOG_SD: Final = 0.3  # of the field-to-field standard deviations of the classes of the Flevoland flight
 _TURN: Final = _ANGLE_RATE * np.deg2rad(np.arange(91.0) - 40.0)
 _BY_ANGLE: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
@@ -56,13 +57,13 @@ class World:
     ----------
     seed, number : int
         Of the campaign, and of the world in it.
-    halved : tuple of str
-        Covers whose means depart by half as much as in that world.
+    elsewhere : tuple of str
+        Covers that are as in another world.
     """
 
     seed: int
     number: int
-    halved: tuple[str, ...] = ()
+    elsewhere: tuple[str, ...] = ()
 
     def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
         """Standard normal departure (91,) of a cover's mean at incidence angles 0, 1, ..., 90 degrees.
@@ -76,9 +77,7 @@ class World:
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
-        deviate = _shared(self.seed, self.number, category, kin, frequency_ghz, 0)
-        if category in self.halved:
-            deviate = 0.5 * deviate
+        deviate = _shared(self.seed, self._number(category), category, kin, frequency_ghz, 0)
         if channel not in ("H", "V"):
             return np.asarray(_of_channel(deviate, channel) @ _BY_ANGLE)
         apart = _EMISSIVITY_OWN * _SLANT**2
@@ -95,12 +94,15 @@ class World:
         level_days : float64 array (365,)
             Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
         """
-        return _season(self.seed, self.number, category, kin, frequency_ghz, channel, level_days.tobytes())
+        return _season(self.seed, self._number(category), category, kin, frequency_ghz, channel, level_days.tobytes())
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        draw = generator(self.seed, self.number, f"world fields {category}").normal()
+        draw = generator(self.seed, self._number(category), f"world fields {category}").normal()
         return float(np.exp(_FIELD_LOG_SD * draw))
+
+    def _number(self, category: str) -> int:
+        return self.number + _ELSEWHERE * (category in self.elsewhere)
 
 
 def course_deviation(level_days: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -110,33 +111,41 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
     assert again.detail == last.detail
 
 
-def test_covers_that_move_the_score_are_halved_one_after_another(copy, monkeypatch) -> None:
-    """Grass moves the score by 3, trees by 1, bare ground not at all."""
+def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypatch) -> None:
+    """Grass moves the score by 3, trees by 1, other covers not at all."""
     campaign, asked = Campaign.open(copy), []
-    departs = np.random.default_rng(3).standard_normal((2, 48))
+    departs = np.random.default_rng(3).standard_normal((2, 2, 38))  # of grass and trees, here and elsewhere
 
     def scored(tasks, *_):
-        asked.append([(task.world, task.run_id, task.halved) for task in tasks])
+        asked.append([(task.world - 2**30, task.run_id - 2**30, task.elsewhere) for task in tasks])
         moves = {"Grass": 3.0 * departs[0], "Trees": departs[1]}
-        size = {True: 0.5, False: 1.0}
-        return np.array([50.0 + sum(size[n in t.halved] * moves[n][t.world - 2**30] for n in moves) for t in tasks])
+        return np.array([50.0 + sum(moves[n][int(n in own), world] for n in moves) for world, _, own in asked[-1]])
 
     monkeypatch.setattr(Campaign, "scores_of", staticmethod(scored))
     monkeypatch.setattr(Campaign, "_other_levels", lambda *_: [])
     with sqlite3.connect(copy / "campaign.db") as base:
         base.execute("delete from events where kind = ?", (RANKED,))
     base.close()
-    campaign.rank_values(campaign.analyse_all())
+    (analysis,) = campaign.analyse_all()
+    ground = replace(analysis.optimum.ground, sd_ground=4.0)
+    campaign.rank_values([replace(analysis, optimum=replace(analysis.optimum, ground=ground))])
     (event,) = campaign.store.events(kind=RANKED)
-    names = [one["category"] for one in event.detail["halved"]]
-    assert names[:2] == ["Grass", "Trees"]
-    alone = np.var(1.5 * departs[0] + departs[1]) / np.var(3.0 * departs[0] + departs[1])
-    left = [one["left"] for one in event.detail["halved"]]
-    assert left == pytest.approx([alone, *(0.25 for _ in names[1:])], abs=1e-4)
-    tried, told = asked
-    assert {run for _, run, _ in told} == {2**30 + k for k in range(96)}
-    assert [halved for _, _, halved in told[::96]] == [(), ("Grass",), ("Grass", "Trees"), tuple(names)]
-    assert {world for world, _, _ in tried} == {2**30 + k for k in range(12)}
+    told = {tuple(one["covers"]): one["left"] for one in event.detail["known"]}
+    (grass,), (trees,), (third,), every = told
+    assert (grass, trees) == ("Grass", "Trees")
+    assert every == (grass, trees, third)
+    sizes = np.diff(departs[:, :, 6:], axis=1)[:, 0]
+    moved = {
+        ("Grass",): 3.0 * sizes[0],
+        ("Trees",): sizes[1],
+        (third,): 0.0 * sizes[1],
+        every: 3.0 * sizes[0] + sizes[1],
+    }
+    assert told == {own: pytest.approx(1.0 - np.mean(d**2) / 32.0, abs=1e-4) for own, d in moved.items()}
+    tried, known = asked
+    assert {(world, run) for world, run, _ in tried} == {(k, 2 * k) for k in range(6)}  # the first occasion of each
+    assert {(world, run) for world, run, _ in known} == {(k, 2 * k) for k in range(6, 38)}
+    assert [own for _, _, own in known[::32]] == [(), *told]
 
 
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
@@ -152,10 +161,12 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
-    half = bundle_tasks(spec, settings, halved=("Wheat",))
-    assert [(task.world, task.run_id) for task in half] == [(task.world, task.run_id) for task in bundle]
-    of = [t.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for t in (none, half[0], bundle[0])]
-    assert of[1] == pytest.approx(np.sqrt(of[0] * of[2]))
+    apart = bundle_tasks(spec, settings, elsewhere=("Wheat",))
+    assert [(task.world, task.run_id) for task in apart] == [(task.world, task.run_id) for task in bundle]
+    looked = [t.scattering("psm").lookup(["Wheat", "Grass"], 3.0, "HH") for t in (apart[0], bundle[0])]
+    assert looked[0].sigma0[1, 45] == looked[1].sigma0[1, 45]
+    assert looked[0].sigma0[0, 45] != looked[1].sigma0[0, 45]
+    assert looked[0].field_sd_db[0] != looked[1].field_sd_db[0]
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:

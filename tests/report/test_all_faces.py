@@ -300,7 +300,7 @@ def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> Non
     assert "one flight over the site would leave 8.5\xa0percent" in section.blocks[0].text
     grass, water = ([cell if isinstance(cell, str) else cell.text for cell in row] for row in section.blocks[-1].rows)
     assert grass == ["Grass", "\u00b1 2.6 dB", "10.2", "0.8"]
-    assert water == ["and Water", "\u00b1 2.3 dB", "8.0", "0.5"]
+    assert water == ["Grass and Water", "", "8.0", "0.5"]
 
 
 def _measured(analysis: Analysis) -> Section:
@@ -310,16 +310,16 @@ def _measured(analysis: Analysis) -> Section:
     known = dataclasses.replace(
         analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=chance)
     )
-    halved = [
-        {"category": "Grass", "mean_sd": 2.6, "left": 0.78, "se": 0.2},
-        {"category": "Water", "mean_sd": 2.3, "left": 0.2645, "se": 0.11},
+    covers = [
+        {"covers": ["Grass"], "mean_sd": 2.6, "left": 0.78, "se": 0.2},
+        {"covers": ["Grass", "Water"], "mean_sd": 2.3, "left": 0.2645, "se": 0.11},
     ]
-    detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "halved": halved}
+    detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "known": covers}
     older = EventRecord(2, "", "", None, None, RANKED, {name: detail[name] for name in ("application", "settings")})
     found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail), older), "measure")
     assert found is not None
     assert measure_section(known, (older,), "measure") is None
-    without = EventRecord(1, "", "", None, None, RANKED, {**detail, "halved": []})
+    without = EventRecord(1, "", "", None, None, RANKED, {**detail, "known": []})
     (only,) = measure_section(known, (without,), "measure").blocks
     assert "one flight" in str(only)
     assert measure_section(analysis, (), "measure") is None

@@ -126,19 +126,21 @@ def test_what_flights_can_do_where_simulation_cannot() -> None:
 
 
 def test_what_is_left_of_the_ground_and_its_error() -> None:
-    """Half of a part with 0.8 of the variance leaves 0.4; how estimates scatter from set to set is their error."""
+    """Without what one part of 0.8 has with another, 0.2 are left; of their product nothing, though each has none."""
     rng = np.random.default_rng(4)
 
     def found(worlds: int) -> tuple[float, float]:
-        one, other = np.sqrt([[0.8], [0.2]]) * rng.standard_normal((2, worlds))
-        chance = 0.7 * rng.standard_normal((2, worlds, 2))
-        return left_of_ground((one + other)[:, None] + chance[0], (0.5 * one + other)[:, None] + chance[1])
+        one, again, other, chance = np.sqrt([[0.8], [0.8], [0.2], [0.5]]) * rng.standard_normal((4, worlds))
+        return left_of_ground(one + other + chance, again + other + chance, 1.0)
 
-    sets = np.array([found(48) for _ in range(400)])
-    assert sets[:, 0].mean() == pytest.approx(0.4, abs=0.02)
+    sets = np.array([found(480) for _ in range(400)])
+    assert sets[:, 0].mean() == pytest.approx(0.2, abs=0.01)
     assert np.sqrt(np.mean(np.square(sets[:, 1]))) == pytest.approx(sets[:, 0].std(), rel=0.15)
-    assert np.isnan(left_of_ground(np.ones((16, 2)), np.ones((16, 2)))).all()
-    assert np.isnan(left_of_ground(np.ones((2, 2)), np.ones((2, 2)))).all()
+    one, again, other = rng.standard_normal((3, 200_000))
+    assert left_of_ground(one * other, again * other, 1.0)[0] == pytest.approx(0.0, abs=0.02)
+    left, se = left_of_ground(2.0 * np.arange(3.0), np.arange(3.0), 2.0)  # 0, 1/8, 1/2 of it
+    assert left == pytest.approx(1.0 - 5.0 / 24.0)
+    assert se == pytest.approx(np.std([0.0, 0.125, 0.5], ddof=1) / np.sqrt(3.0))
 
 
 def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:

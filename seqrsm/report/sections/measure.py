@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from seqrsm.analysis.ground import HALVED_WORLDS, RANKED
+from seqrsm.analysis.ground import KNOWN_WORLDS, RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
 from seqrsm.report.rounding import decimals_of_significant, format_number, format_significant
-from seqrsm.report.wording import half_width_text
+from seqrsm.report.wording import half_width_text, listing
 from seqrsm.store.records import EventRecord
 
 
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
-    """Return what is left of the half-width if covers' means were known twice as well; None where it was not made.
+    """Return what would be left of the half-width if covers were known; None where it was not simulated.
 
     Of the events those of the kind `seqrsm.analysis.ground.RANKED` tell it.
     """
     found = [e.detail for e in events if e.kind == RANKED and e.detail.get("application") == analysis.application]
-    found = [detail for detail in found if "halved" in detail]
+    found = [detail for detail in found if "known" in detail]
     best = analysis.optimum
     if not found or best.ground is None or not best.of_ground > 0.0:
         return None
@@ -35,32 +35,32 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
         f"{half_width_text(analysis, width(chance / (of_ground + chance)))}."
     )
-    halved, unit = found[-1]["halved"], found[-1]["unit"]
-    if not halved:
+    known, unit = found[-1]["known"], found[-1]["unit"]
+    if not known:
         return Section(key, title, (Paragraph(head),))
-    widths = [width(one["left"]) for one in halved]
-    errors = [0.5 * one["se"] * best.of_ground**2 / own for one, own in zip(halved, widths, strict=True)]
+    widths = [width(one["left"]) for one in known]
+    errors = [0.5 * one["se"] * best.of_ground**2 / own for one, own in zip(known, widths, strict=True)]
     decimals = max(decimals_of_significant(own, 2) for own in widths)
+    sds = [f"\u00b1 {format_significant(one['mean_sd'], 2)}{f' {unit}' if unit else ''}" for one in known]
     rows = tuple(
         (
-            f"{'' if n == 0 else 'and '}{one['category']}",
-            f"\u00b1 {format_significant(one['mean_sd'], 2)}{f' {unit}' if unit else ''}",
+            listing(one["covers"]),
+            sd if len(one["covers"]) == 1 else "",
             format_number(own, decimals),
             format_number(error, decimals),
         )
-        for n, (one, own, error) in enumerate(zip(halved, widths, errors, strict=True))
+        for one, sd, own, error in zip(known, sds, widths, errors, strict=True)
     )
     columns = (
         "Covers",
         right("Mean backscatter, s.d." if unit else "Mean emissivity, s.d."),
-        right("Half-width if halved", analysis.score_unit),
+        right("Half-width at best", analysis.score_unit),
         right("Standard error", analysis.score_unit),
     )
     how = (
-        " The covers are those that move the score most. Each row tells the half-width that would be left if the "
-        "standard deviations of the means of its cover and of those above were halved, from simulations in "
-        f"{HALVED_WORLDS} draws of the tables with and without. Covers are told apart by how they differ: knowing one "
-        "of two alike brings little, knowing both much."
+        f" The covers are those that move the score most. From {KNOWN_WORLDS} draws of the tables, with and without "
+        "these covers drawn anew: knowing them takes no more off the variance than that moves the score. It takes off "
+        "less where the score rests on how they differ from others that are not known."
     )
-    caption = "Half-width left after halving the table uncertainty of covers, one after another"
+    caption = "Half-width that exact knowledge of covers would leave at best"
     return Section(key, title, (Paragraph(head, method=how), table(caption, columns, rows)))
