@@ -32,8 +32,8 @@ N_WORLDS, OCCASIONS = 16, 2
 LEVEL_WORLDS = 8
 """Worlds in which other levels of categorical factors are held against the recommended ones."""
 
-COVERS, TRIED_WORLDS, KNOWN_WORLDS = 3, 6, 32
-"""Covers of which is told what knowing them would bring, chosen in some worlds, and the worlds that tell it."""
+COVERS = 3
+"""Of which is told what knowing them would bring."""
 
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""
@@ -113,9 +113,9 @@ def left_of_ground(scores: FloatArray, elsewhere: FloatArray, sd_ground: float) 
     """Share of the variance between grounds that knowing some covers exactly would leave at least; its standard error.
 
     ``scores`` and ``elsewhere`` (worlds,) of the same occasion of each world, so that chance is in both alike; in the
-    latter these covers are as in another world: Jansen's estimate of their total effect (Saltelli et al. 2010, Comput.
-    Phys. Commun. 181, 259, table 2). Knowing them takes off no more, and less where the score rests on how they differ
-    from others: covers are told apart by that.
+    latter these covers' own parts are as in another world: Jansen's estimate of their total effect (Saltelli et al.
+    2010, Comput. Phys. Commun. 181, 259, table 2). Knowing them takes off no more, and less where the score rests on
+    how they differ from others: covers are told apart by that.
     """
     total = 0.5 * np.square(scores - elsewhere) / sd_ground**2
     return max(1.0 - float(total.mean()), 0.0), float(total.std(ddof=1)) / math.sqrt(len(total))

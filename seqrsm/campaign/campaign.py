@@ -18,13 +18,11 @@ import numpy as np
 from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
 from seqrsm.analysis.ground import (
     COVERS,
-    KNOWN_WORLDS,
     LEVEL_WORLDS,
     MEASURED,
     N_WORLDS,
     OCCASIONS,
     RANKED,
-    TRIED_WORLDS,
     future_sd,
     left_of_ground,
     measured_ground,
@@ -346,24 +344,23 @@ class Campaign:
         if ground is None or not analysis.optimum.of_ground > 0.0:  # nothing is told of it
             return [], unit
 
-        def scored(covers: Sequence[tuple[str, ...]], worlds: range) -> FloatArray:
-            bundles = [bundle_tasks(self.spec, settings, cells, worlds, elsewhere=own) for own in ((), *covers)]
+        def scored(*covers: tuple[str, ...]) -> FloatArray:
+            bundles = [bundle_tasks(self.spec, settings, cells, elsewhere=own) for own in covers]
             tasks = [task for bundle in bundles for task in bundle[::OCCASIONS]]  # one occasion of each world
-            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(worlds))
+            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(len(covers), -1)
 
-        first, *tried = scored([(name,) for name in sds], range(TRIED_WORLDS))
-        moved = dict(zip(sds, (float(np.nansum(np.square(one - first))) for one in tried), strict=True))
-        names = sorted(sds, key=lambda name: -moved[name])[:COVERS]
-        asked = [(name,) for name in names] + [tuple(names)] * (len(names) > 1)
-        scores = scored(asked, range(TRIED_WORLDS, TRIED_WORLDS + KNOWN_WORLDS))
-        first, *rest = scores[:, np.isfinite(scores).all(axis=0)]
-        if len(first) < 2:
-            return [], unit
-        found: list[dict[str, Any]] = []
-        for own, one in zip(asked, rest, strict=True):
-            left, se = (round(value, 4) for value in left_of_ground(first, one, ground.sd_ground))
-            found.append({"covers": own, "mean_sd": sds[own[0]], "left": left, "se": se})
-        return sorted(found, key=lambda one: (len(one["covers"]), one["left"])), unit
+        def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:
+            both = np.isfinite(here) & np.isfinite(there)
+            share, se = left_of_ground(here[both], there[both], ground.sd_ground)
+            return {"covers": own, "mean_sd": sds[own[0]], "left": round(share, 4), "se": round(se, 4)}
+
+        here, *each = scored((), *((name,) for name in sds))
+        found = [left((name,), there) for name, there in zip(sds, each, strict=True)]
+        found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
+        if len(found) > 1:
+            names = tuple(one["covers"][0] for one in found)
+            found.append(left(names, scored(names)[0]))
+        return found, unit
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
         """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""

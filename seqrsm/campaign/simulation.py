@@ -146,7 +146,7 @@ class SimulationTask:
     world : int or None
         Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
     elsewhere : tuple of str
-        Covers that are as in another world.
+        Covers whose own parts are as in another world.
     known_map : str
         Path of the confusion table of a map that is there already, "" for none.
     calendar, late_days : str, int

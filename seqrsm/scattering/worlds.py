@@ -58,7 +58,7 @@ class World:
     seed, number : int
         Of the campaign, and of the world in it.
     elsewhere : tuple of str
-        Covers that are as in another world.
+        Covers whose own parts, which they share with no other, are as in another world.
     """
 
     seed: int
@@ -77,7 +77,7 @@ class World:
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
-        deviate = _shared(self.seed, self._number(category), category, kin, frequency_ghz, 0)
+        deviate = _shared(self.seed, self._numbers(category), category, kin, frequency_ghz, 0)
         if channel not in ("H", "V"):
             return np.asarray(_of_channel(deviate, channel) @ _BY_ANGLE)
         apart = _EMISSIVITY_OWN * _SLANT**2
@@ -94,15 +94,16 @@ class World:
         level_days : float64 array (365,)
             Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
         """
-        return _season(self.seed, self._number(category), category, kin, frequency_ghz, channel, level_days.tobytes())
+        return _season(self.seed, self._numbers(category), category, kin, frequency_ghz, channel, level_days.tobytes())
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        draw = generator(self.seed, self._number(category), f"world fields {category}").normal()
+        draw = generator(self.seed, self._numbers(category)[1], f"world fields {category}").normal()
         return float(np.exp(_FIELD_LOG_SD * draw))
 
-    def _number(self, category: str) -> int:
-        return self.number + _ELSEWHERE * (category in self.elsewhere)
+    def _numbers(self, category: str) -> tuple[int, int]:
+        """Of the world that a cover shares with others, and of the one that it has for its own."""
+        return self.number, self.number + _ELSEWHERE * (category in self.elsewhere)
 
 
 def course_deviation(level_days: FloatArray) -> FloatArray:
@@ -126,12 +127,12 @@ def _anchored(level_days: bytes) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=256)  # of several dates
 def _season(
-    seed: int, number: int, category: str, kin: str, frequency_ghz: float, channel: str, level_days: bytes
+    seed: int, numbers: tuple[int, int], category: str, kin: str, frequency_ghz: float, channel: str, level_days: bytes
 ) -> FloatArray:
     """See `World.season`."""
     harmonics = range(1, 1 + len(_HARMONICS))
     deviates = [
-        _of_channel(_shared(seed, number, category, kin, frequency_ghz, harmonic), channel) for harmonic in harmonics
+        _of_channel(_shared(seed, numbers, category, kin, frequency_ghz, harmonic), channel) for harmonic in harmonics
     ]
     return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
 
@@ -145,11 +146,13 @@ def _of_channel(deviate: FloatArray, channel: str) -> FloatArray:
 
 
 @lru_cache(maxsize=256)  # of several channels
-def _shared(seed: int, number: int, category: str, kin: str, frequency_ghz: float, harmonic: int) -> FloatArray:
+def _shared(
+    seed: int, numbers: tuple[int, int], category: str, kin: str, frequency_ghz: float, harmonic: int
+) -> FloatArray:
     """Standard normal (parts, 2), in part common to all covers, to kin, and a cover's own."""
     own = 1.0 - _ALL - (_KIN if kin else 0.0)
-    parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
-    drawn = [math.sqrt(w) * _drawn(seed, number, name, frequency_ghz, harmonic) for name, w in parts if w > 0.0]
+    parts = [("", _ALL, 0), (f"kin {kin}", 1.0 - _ALL - own, 0), (f"cover {category}", own, 1)]
+    drawn = [math.sqrt(w) * _drawn(seed, numbers[i], name, frequency_ghz, harmonic) for name, w, i in parts if w > 0.0]
     return np.asarray(sum(drawn))
 
 

@@ -114,7 +114,7 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
 def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypatch) -> None:
     """Grass moves the score by 3, trees by 1, other covers not at all."""
     campaign, asked = Campaign.open(copy), []
-    departs = np.random.default_rng(3).standard_normal((2, 2, 38))  # of grass and trees, here and elsewhere
+    departs = np.random.default_rng(3).standard_normal((2, 2, 16))  # of grass and trees, here and elsewhere
 
     def scored(tasks, *_):
         asked.append([(task.world - 2**30, task.run_id - 2**30, task.elsewhere) for task in tasks])
@@ -134,7 +134,7 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
     (grass,), (trees,), (third,), every = told
     assert (grass, trees) == ("Grass", "Trees")
     assert every == (grass, trees, third)
-    sizes = np.diff(departs[:, :, 6:], axis=1)[:, 0]
+    sizes = np.diff(departs, axis=1)[:, 0]
     moved = {
         ("Grass",): 3.0 * sizes[0],
         ("Trees",): sizes[1],
@@ -142,10 +142,10 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
         every: 3.0 * sizes[0] + sizes[1],
     }
     assert told == {own: pytest.approx(1.0 - np.mean(d**2) / 32.0, abs=1e-4) for own, d in moved.items()}
-    tried, known = asked
-    assert {(world, run) for world, run, _ in tried} == {(k, 2 * k) for k in range(6)}  # the first occasion of each
-    assert {(world, run) for world, run, _ in known} == {(k, 2 * k) for k in range(6, 38)}
-    assert [own for _, _, own in known[::32]] == [(), *told]
+    each, all_three = asked
+    assert {(world, run) for world, run, _ in each} == {(k, 2 * k) for k in range(16)}  # the first occasion of each
+    assert each[0][2] == ()
+    assert {own for _, _, own in all_three} == {every}
 
 
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:

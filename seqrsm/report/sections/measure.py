@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from seqrsm.analysis.ground import KNOWN_WORLDS, RANKED
+from seqrsm.analysis.ground import N_WORLDS, RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
 from seqrsm.report.rounding import decimals_of_significant, format_number, format_significant
@@ -58,9 +58,9 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         right("Standard error", analysis.score_unit),
     )
     how = (
-        f" The covers are those that move the score most. From {KNOWN_WORLDS} draws of the tables, with and without "
-        "these covers drawn anew: knowing them takes no more off the variance than that moves the score. It takes off "
-        "less where the score rests on how they differ from others that are not known."
+        f" The covers are those that move the score most. From {N_WORLDS} draws of the tables, with and without "
+        "these covers drawn anew (total effect): knowing them takes no more off the variance, and less where the score "
+        "rests on how they differ from others that are not known."
     )
     caption = "Half-width that exact knowledge of covers would leave at best"
     return Section(key, title, (Paragraph(head, method=how), table(caption, columns, rows)))
