@@ -59,11 +59,6 @@ class Departure:
     reason: str = ""
 
     @property
-    def likelier(self) -> bool:
-        """The process is likelier than the quadratic."""
-        return self.probability > 0.5
-
-    @property
     def believed(self) -> Process | None:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None

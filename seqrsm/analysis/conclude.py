@@ -58,8 +58,12 @@ def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
     )
 
 
-def with_days(rule: StopRule, belief: Belief, point: FloatArray) -> StopRule:
-    """The rule where what a new day brings is common to future runs as a ground is, at a coded ``point`` (k,)."""
+def as_found(rule: StopRule, fitted: Fitted, point: FloatArray) -> StopRule:
+    """The rule with what scores tell: whether a quadratic is likely, and what a new day brings at a coded point (k,).
+
+    That is common to future runs as a ground is.
+    """
+    rule, belief = replace(rule, departed=fitted.departure.probability > 0.5), fitted.belief
     if not belief.common_sd or rule.interval == "confidence":  # which is of the average block
         return rule
     return replace(rule, ground_share=(belief.common_sd / belief.scatter(point)[0]) ** 2, counts_ground=True)
@@ -252,7 +256,7 @@ def _decision(
     agreement: Agreement | None,
     known_map: bool,
 ) -> Decision:
-    rule = with_days(stop_rule(spec.stop_of(application.name), fitted.ground_share), belief, estimate.point)
+    rule = as_found(stop_rule(spec.stop_of(application.name), fitted.ground_share), fitted, estimate.point)
     fit, surface = fitted.fit, fitted.surface
     _, h = belief.scatter(estimate.point)
     reach = float(t_quantile(np.inf, rule.level))
@@ -277,7 +281,6 @@ def _decision(
         lead=(estimate.mean - fitted.data.guess) * sign_of(application.goal),
         lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
         weighed=fitted.departure.process is not None,
-        departed=fitted.departure.likelier,
         saturated=fitted.region.has_at_most(fitted.model.p),
     )
     return decide(rule, look, agreement, application.score_unit)

@@ -121,6 +121,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "optimum": optimum_to_json(analysis),
         "settings_spread": {one.factor: 0.5 * (one.high - one.low) for one in analysis.posterior.settings},
         **_of(decision, "half_width"),
+        "expected_loss": analysis.posterior.expected_regret,
         **_of(analysis.data, "guess", "perfect"),
         **_of(decision, "noise_floor", "held", "reasons", "futility"),
         "decision": analysis.verdict,

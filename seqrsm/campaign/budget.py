@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.stopping import StopRule, amount
 from seqrsm.design.factors import setting_with_unit
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -88,43 +88,36 @@ class Plan:
     half_width: float
     loss: float
 
-    def reaches(self, target: float, most_loss: float) -> bool:
+    def reaches(self, target: float, target_loss: float) -> bool:
         """Whether the stop rule can be expected to hold; a target that is nan is not asked about."""
         narrow = bool(np.isfinite(self.half_width)) and not self.half_width > target
-        return self.runs >= self.asked and narrow and not self.loss > most_loss
+        return self.runs >= self.asked and narrow and not self.loss > target_loss
 
 
-def telling(value: float, target: float, digits: int) -> int:
-    """Digits, so many at least, with which a half-width is told on its own side of the target."""
-    return next((d for d in range(digits, 9) if (float(f"{value:.{d}g}") > target) == (value > target)), 9)
-
-
-def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, most_loss: float, unit: str) -> str:
+def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, target_loss: float, unit: str) -> str:
     """What would reach targets that the campaign as it is does not, the least loss first; in sentences."""
 
     def told(plan: Plan) -> str:
-        digits = telling(plan.half_width, target, 3)
-        return f"half-width {plan.half_width:.{digits}g} {unit}".rstrip() + f", loss {plan.loss:.3g} {unit}".rstrip()
+        return f"half-width {amount(plan.half_width, unit, target)}, loss {amount(plan.loss, unit, target_loss)}"
 
     budget = plans[0].runs
-    good, more = (
-        [plan for plan in of if bool(plan.change) == changed and plan.reaches(target, most_loss)]
-        for of, changed in ((plans, True), (over, False))
-    )
-    good.sort(key=lambda plan: plan.loss)
-    found = [f"{plan.change} ({told(plan)})" for plan in good[:3]]
-    text = f"With {budget} runs: {'; or '.join(found)}. " if found else ""
-    if (enough := next((plan for plan in more if plan.runs > budget), None)) is not None:
-        return f"{text}{'Or' if text else 'Set'} max_runs = {enough.runs} ({told(enough)})."
-    if text:
-        return text.strip()
+    good = sorted((p for p in plans if p.change and p.reaches(target, target_loss)), key=lambda plan: plan.loss)
+    ways = "; or ".join(f"{plan.change} ({told(plan)})" for plan in good[:3])
+    found = [f"With {budget} runs: {ways}."] if good else []
+    more = (p for p in over if not p.change and p.runs > budget and p.reaches(target, target_loss))
+    if (enough := next(more, None)) is not None:
+        found.append(f"{'Or' if found else 'Set'} max_runs = {enough.runs} ({told(enough)}).")
+    if found:
+        return " ".join(found)
     widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]
     if not widths:
         return "Raise max_runs, or use fewer factors or levels."
-    least = min(plan.half_width for plan in widths)
-    near = min((plan for plan in widths if plan.half_width <= _AS_NARROW * least), key=lambda plan: plan.loss)
+    narrow = max(_AS_NARROW * min(plan.half_width for plan in widths), target)
+    near = min((plan for plan in widths if plan.half_width <= narrow), key=lambda plan: plan.loss)
     how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
-    return f"Nearest: {how} ({told(near)}). Widen [stop] half_width to that, or more."
+    missed = {"half_width": near.half_width > target, "loss": near.loss > target_loss}
+    keys = " and ".join(key for key, misses in missed.items() if misses)
+    return f"Nearest: {how} ({told(near)})." + f" Widen [stop] {keys} to that, or more." * bool(keys)
 
 
 def random_surfaces(

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from seqrsm.analysis.conclude import stop_rule, with_days
+from seqrsm.analysis.conclude import as_found, stop_rule
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
@@ -92,7 +92,7 @@ class CheckResult:
         From what surfaces ``plans`` and ``over`` were found.
     target, unit : float, str
         ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit.
-    most_loss : float
+    target_loss : float
         ``[stop] loss`` in that unit, nan without a limit and where ``target`` is.
     refused : str
         Why the target cannot be reached, and what could; empty if it may.
@@ -124,7 +124,7 @@ class CheckResult:
     unit: str = ""
     refused: str = ""
     cost_unit: str = ""
-    most_loss: float = float("nan")
+    target_loss: float = float("nan")
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -168,8 +168,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     unit = application.score_unit
     terms = model.p if analysis is None else analysis.fitted.surface.n_terms
     constants = spec.model.block is not None and spec.model.block_effect == "fixed" and spec.own_source == "flight"
-    departed = analysis is not None and analysis.fitted.departure.likelier
-    asked = [rule.min_runs(terms + days, departed) for days in range(1 + rule.max_runs)]
+    asked = [rule.min_runs(terms + days) for days in range(1 + rule.max_runs)]
     at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
     budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed, terms - model.p)
     problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, terms, unit)
@@ -186,9 +185,9 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         start, refused = plans[0].asked, error.problems[0].message + "."
     in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
-    most_loss = rule.loss if in_units and math.isfinite(rule.loss) else float("nan")
+    target_loss = rule.loss if in_units and math.isfinite(rule.loss) else float("nan")
     if refused or problem:
-        out = way_out(plans, over, target, most_loss, unit)
+        out = way_out(plans, over, target, target_loss, unit)
         refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
     return CheckResult(
         name=spec.name,
@@ -215,7 +214,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         target=target,
         unit=unit,
         refused=refused,
-        most_loss=most_loss,
+        target_loss=target_loss,
     )
 
 
@@ -307,7 +306,7 @@ class _Scatter(NamedTuple):
 def _rule_of(spec: CampaignSpec, application: ApplicationSpec, share: float, analysis: Analysis | None) -> StopRule:
     """The application's rule, as `status` will apply it to the scores so far, where there are any."""
     rule = stop_rule(spec.stop_of(application.name), share)
-    return rule if analysis is None else with_days(rule, analysis.belief, analysis.optimum.point)
+    return rule if analysis is None else as_found(rule, analysis.fitted, analysis.optimum.point)
 
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:

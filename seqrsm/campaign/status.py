@@ -103,14 +103,15 @@ def latest_look(
     Returns
     -------
     dict
-        ``name``, ``unit``, ``target_half_width``, ``last_look`` (a look's summary, or None where there is no fit),
-        ``reason`` (why scores give none).
+        ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's
+        summary, or None where there is no fit), ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary
 
     found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
-    found["target_half_width"] = spec.stop_of(application.name).half_width
+    stop = spec.stop_of(application.name)
+    found |= {"target_half_width": stop.half_width, "target_loss": stop.loss}
     try:
         see_names(spec, runs, application.name)
         if any(run.state == "scored" and run.score_of(application.name) for run in evidence(runs)):

@@ -589,7 +589,8 @@ class Fit(Sections):
             for kind in ("confidence", "prediction", "prediction_mean"):
                 interval = getattr(best, kind)
                 row |= {f"{kind}_low": interval.low, f"{kind}_high": interval.high}
-            row |= {"half_width": analysis.decision.half_width, "n_runs": analysis.fit.n_runs}
+            row |= {"half_width": analysis.decision.half_width, "expected_loss": analysis.posterior.expected_regret}
+            row["n_runs"] = analysis.fit.n_runs
             rows.append({**row, "stop": analysis.decision.held})
         return pd.DataFrame(rows)
 

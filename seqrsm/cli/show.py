@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from seqrsm.cli.blocks import show_blocks
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.plain import counted
-from seqrsm.report.rounding import format_percent, format_significant
+from seqrsm.report.rounding import format_against, format_percent, format_significant
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
 
@@ -18,9 +19,9 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
 
 
-def known_text(value: float | None, digits: int = 3) -> str:
-    """A stored score or half-width, which is None where there was none."""
-    return "-" if value is None else format_significant(value, digits)
+def known_text(value: float | None, digits: int = 3, target: float = math.nan) -> str:
+    """A stored score, half-width or loss, which is None where there was none; held against a target."""
+    return "-" if value is None else format_against(value, target, digits)
 
 
 def run_row(run: RunRecord) -> dict[str, Any]:

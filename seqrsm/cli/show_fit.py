@@ -16,7 +16,7 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Section
-from seqrsm.report.rounding import format_significant
+from seqrsm.report.rounding import format_against, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
@@ -28,6 +28,7 @@ from seqrsm.report.wording import (
     parts_of_width,
     readable,
     target_texts,
+    targets_text,
     told_settings,
     watched_interval,
     with_unit,
@@ -96,9 +97,11 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     mean = with_unit(format_significant(analysis.optimum.mean, 3), analysis.score_unit)
     stop = spec.stop_of(analysis.application)
     if stop.loss is not None:
-        rest = f"loss {format_significant(analysis.posterior.expected_regret, 2)} (target {stop.loss:g})  {rest}"
+        loss = format_against(analysis.posterior.expected_regret, stop.loss, 2)
+        rest = f"loss {loss} (target {stop.loss:g})  {rest}"
     say(
-        f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
+        f"{name}{analysis.fit.n_runs:4d} runs  {mean}  "
+        f"\u00b1 {format_against(decision.half_width, stop.half_width, 3)} "
         f"(target {stop.half_width:g}{parts_of_width(analysis)})  {rest}"
     )
 
@@ -114,6 +117,8 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
         ["budget", f"{result['max_runs']} runs{spent}"],
         ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
     ]
+    if loss := targets_text(spec, "loss"):
+        rows.append(["", f"expected loss, at most {loss}"])
     if result["simulated_by"]:
         scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
         rows.append(["simulated on", ", ".join(scenes)])
@@ -139,6 +144,7 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
+    target, limit = (target_texts(spec, key).get(application["name"]) for key in ("half_width", "loss"))
     known = look.get("settings_spread", {}).items()
     spreads = {name: math.nan if spread is None else spread for name, spread in known}
     told = told_settings(spec.region, best["settings"], spreads)
@@ -150,9 +156,12 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     for kind, words in interval_names(replicates, one_ground).items():
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
-            width = with_unit(known_text((look if watched else best[kind])["half_width"], 3 if watched else 2), unit)
-            target = target_texts(spec)[application["name"]]
-            line(f"{words}: \u00b1 {width}" + (f", target \u00b1 {target}" if watched else ""), 2)
+            width, digits = (look["half_width"], 3) if watched else (best[kind]["half_width"], 2)
+            wide = with_unit(known_text(width, digits, application["target_half_width"]), unit)
+            line(f"{words}: \u00b1 {wide}" + f", target \u00b1 {target}" * watched, 2)
+    if limit:
+        loss = with_unit(known_text(look["expected_loss"], 2, application["target_loss"]), unit)
+        line(f"expected loss: {loss}, target at most {limit}", 2)
     heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

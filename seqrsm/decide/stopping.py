@@ -71,6 +71,8 @@ class StopRule:
         in common, and no mean of them is without it.
     counts_ground : bool
         Whether the target is for the whole interval, or for its part by chance.
+    departed : bool
+        The surface is more likely none than a quadratic.
     """
 
     interval: IntervalKind = "prediction"
@@ -83,6 +85,7 @@ class StopRule:
     alpha_lack_of_fit: float = 0.05
     ground_share: float = 0.0
     counts_ground: bool = True
+    departed: bool = False
 
     @property
     def interval_name(self) -> str:
@@ -99,15 +102,11 @@ class StopRule:
         share = own * (1.0 - self.ground_share) + (self.ground_share if self.counts_ground else 0.0)
         return 1.0 / share if share > 0.0 else float("inf")
 
-    def min_runs(self, n_terms: int, departed: bool = False) -> int:
-        """Fewest runs the guard allows for a model of ``n_terms`` terms.
-
-        Three for each, or as many as leave 14 degrees of freedom if those are fewer and the surface has not
-        ``departed`` from a quadratic.
-        """
+    def min_runs(self, n_terms: int) -> int:
+        """Fewest runs the guard allows for a model of ``n_terms`` terms."""
         if self.guard != "runs":
             return n_terms + 1
-        return _RUNS_PER_TERM * n_terms if departed else min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
+        return _RUNS_PER_TERM * n_terms if self.departed else min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
 
     def width(
         self, s: ArrayLike, df_residual: ArrayLike, h: ArrayLike, interval: IntervalKind | None = None
@@ -157,7 +156,7 @@ class Forecast:
     runs_needed: int | None
 
 
-def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float, departed: bool = False) -> Forecast:
+def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
     """Forecast from one fit, with ``h = z0' (Z'WZ)^-1 z0`` falling as by repeats at the optimum, `AS_REPEATS` of a run.
 
     ``s`` is the residual standard deviation, score units; nan gives nan and None.
@@ -165,7 +164,7 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float, d
     if not np.isfinite(s) or not np.isfinite(h):
         return Forecast(float("nan"), float("nan"), float("nan"), None)
     last = max(rule.max_runs, n_runs, n_terms + 1)
-    first = max(n_runs, rule.min_runs(n_terms, departed), n_terms + 1)
+    first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
     counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
     h_later, h_last = (h / (1.0 + AS_REPEATS * h * (n - n_runs)) for n in (counts, last))
     enough = counts[rule.width(s, counts - n_terms, h_later) <= rule.half_width]
@@ -223,9 +222,14 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
     return int(enough[0]) if len(enough) else None
 
 
-def amount(value: float, unit: str) -> str:
-    """Three digits and the unit."""
-    return f"{value:.3g} {unit}".rstrip()
+def amount(value: float, unit: str, target: float = float("nan")) -> str:
+    """Three digits, or as many as show on which side of a target it is, and the unit."""
+    return f"{value:.{telling(value, target, 3)}g} {unit}".rstrip()
+
+
+def telling(value: float, target: float, digits: int) -> int:
+    """Digits, so many at least, with which a value is told on its own side of its target."""
+    return next((d for d in range(digits, 9) if (float(f"{value:.{d}g}") > target) == (value > target)), 9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,8 +315,6 @@ class Look:
     weighed : bool
         A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
         error is asked about.
-    departed : bool
-        The surface is more likely none than a quadratic.
     saturated : bool
         The model has a term for every setting of the region: there is no lack of fit to test.
     """
@@ -331,7 +333,6 @@ class Look:
     known_map: bool = False
     lead: float = float("inf")
     weighed: bool = False
-    departed: bool = False
     saturated: bool = False
 
 
@@ -355,12 +356,20 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
             f"The budget of {rule.max_runs} runs is too small for the target: {need} runs are needed; "
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
+    if (needed := _runs_for_loss(rule, look)) > rule.max_runs:
+        lost = f"an expected loss of {amount(rule.loss, unit)}: about {needed} runs are needed"
+        found.append(f"The budget of {rule.max_runs} runs is too small for {lost}.")
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
     if look.model_p == 1.0:
         found.append("All scores are equal: no factor has an effect, and every setting is equally good.")
     elif look.model_p is not None and look.model_p > MODEL_ALPHA and look.df_residual >= max(4, look.n_terms // 2):
         found.append(f"No factor has a significant effect so far (F test of all terms: p = {look.model_p:.2g}).")
     return tuple(found)
+
+
+def _runs_for_loss(rule: StopRule, look: Look) -> int:
+    """Runs until the loss is allowed, if it falls as the variance of the place does; 0 where it is allowed already."""
+    return int(np.ceil(look.n_runs * look.loss / rule.loss)) if look.loss > rule.loss else 0
 
 
 def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, unit: str = "") -> Decision:
@@ -377,11 +386,11 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         width = float(rule.width(s, look.df_residual, h))
     checks = [_interval_check(rule, width, unit)]
     if np.isfinite(rule.loss):
-        limit = f"at most {amount(rule.loss, unit)} is allowed"
-        text = f"The settings are expected to lose {amount(look.loss, unit)}; {limit}."
+        limit = f"at most {rule.loss:g} {unit}".rstrip()
+        text = f"The settings are expected to lose {amount(look.loss, unit, rule.loss)}; {limit} is allowed."
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
-        needed = rule.min_runs(n_terms, look.departed)
+        needed = rule.min_runs(n_terms)
         why = "3 per term" if needed == _RUNS_PER_TERM * n_terms else f"{_MIN_DF} degrees of freedom"
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why})."
         checks.append(Check("runs", n_runs >= needed, text))
@@ -399,11 +408,11 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         agrees, text = (confirmation.agrees, confirmation.text) if confirmation else (None, text)
         checks.append(Check("confirmation", agrees, text))
     held = all(check.holds is True for check in checks)
-    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s, h=h, departed=look.departed)
+    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s, h=h)
     ahead = replace(ahead, attainable_half_width=min(ahead.attainable_half_width, width))
-    if ahead.runs_needed is not None and look.loss > rule.loss:  # which falls as the variance of the place
-        ahead = replace(ahead, runs_needed=max(ahead.runs_needed, int(np.ceil(n_runs * look.loss / rule.loss))))
     useless = futility(rule, look, ahead, width, unit)
+    if ahead.runs_needed is not None:
+        ahead = replace(ahead, runs_needed=max(ahead.runs_needed, _runs_for_loss(rule, look)))
     budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
@@ -425,10 +434,10 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
 
 
 def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
-    target = f"the target is ± {amount(rule.half_width, unit)}"
+    target = f"the target is ± {rule.half_width:g} {unit}".rstrip()
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
-    now = f"± {amount(width, unit)} ({100 * rule.level:g} %)"
+    now = f"± {amount(width, unit, rule.half_width)} ({100 * rule.level:g} %)"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", width <= rule.half_width, text)
 

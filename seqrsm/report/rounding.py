@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+from seqrsm.decide.stopping import telling
+
 MINUS = "\u2212"
 NOTHING = "\u2013"
 """Shown where there is no number (an en dash); the words that say why stand beside it."""
@@ -73,6 +75,11 @@ def _signed(text: str) -> str:
 def format_significant(value: float, digits: int = 3) -> str:
     """Format a value to a number of significant digits."""
     return format_number(value, decimals_of_significant(value, digits))
+
+
+def format_against(value: float, target: float, digits: int) -> str:
+    """Format a value to as many significant digits, or to as many more as show on which side of its target it is."""
+    return format_significant(value, telling(value, target, digits))
 
 
 def format_plus_minus(value: float, uncertainty: float) -> str:

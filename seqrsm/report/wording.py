@@ -104,10 +104,12 @@ def target_texts(spec: CampaignSpec, target: Literal["half_width", "loss"] = "ha
     return {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets.items() if x is not None}
 
 
-def of_applications(targets: Mapping[str, str]) -> str:
-    """One target for all, or each with the name of its application."""
-    several = listing([f"{target} for {name}" for name, target in targets.items()])
-    return several if len(set(targets.values())) > 1 else next(iter(targets.values()))
+def targets_text(spec: CampaignSpec, target: Literal["half_width", "loss"]) -> str:
+    """The same, one for all applications or each with the name of its own; "" where there is none."""
+    texts = target_texts(spec, target)
+    if len(texts) == len(spec.applications) and len(set(texts.values())) == 1:
+        return next(iter(texts.values()))
+    return listing([f"{text} for {name}" for name, text in texts.items()])
 
 
 def axis_label(factor: Factor) -> str:

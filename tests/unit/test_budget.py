@@ -14,9 +14,9 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, telling, way_out
+from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
 from seqrsm.cli.app import app
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.stopping import StopRule, telling
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -141,6 +141,10 @@ def test_where_nothing_reaches_the_target_the_loss_decides_among_what_is_about_a
     fixed, first = Plan("b fixed at 1", 120, 12, 36, 16.5, 20.0), Plan("[model] order = 1", 120, 6, 18, 30.0, 0.1)
     words = way_out([whole, fixed, first], [Plan("", 18, 18, 54, float("nan"), float("nan"))], 14.0, np.nan, "percent")
     assert words.startswith("Nearest: 120 runs (half-width 17 percent, loss 0.7 percent). Widen [stop] half_width to")
+    both = way_out([whole, fixed, first], [], 14.0, 0.5, "percent")
+    assert both.endswith("loss 0.7 percent). Widen [stop] half_width and loss to that, or more.")
+    assert "17 percent, loss 0.7 " in way_out([whole, fixed], [], 18.0, 0.6, "percent")  # not the narrower one
+    assert way_out([whole], [], 18.0, 0.6999, "").endswith("loss 0.7). Widen [stop] loss to that, or more.")
 
 
 def test_a_half_width_that_misses_the_target_is_not_told_as_the_target() -> None:

@@ -14,6 +14,7 @@ from seqrsm.decide.stopping import Decision, Look, StopRule, decide, target_prob
 from seqrsm.fit.intervals import t_quantile
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
+DEPARTED = replace(RULE, departed=True)
 GOOD: dict[str, Any] = {
     "n_runs": 50,
     "n_terms": 15,
@@ -56,7 +57,6 @@ def test_all_parts_hold_and_it_stops() -> None:
     [
         ("interval", {"s": 2.3}, "± 5.1"),
         ("runs", {"n_runs": 28}, "29 are required (14 degrees of freedom)"),
-        ("runs", {"n_runs": 44, "departed": True}, "45 are required (3 per term)"),
         ("runs", {"n_runs": 17, "n_terms": 6}, "18 are required (3 per term)"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
         ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
@@ -135,7 +135,10 @@ def test_runs_needed_is_the_smallest_number_that_reaches_the_target() -> None:
 def test_runs_needed_respects_the_guard() -> None:
     few = {"n_runs": 20, "df_residual": 5, "s": 1.0}
     assert look(**few).runs_needed == 29
-    assert look(**few, departed=True).runs_needed == 45
+    assert look(DEPARTED, **few).runs_needed == 45
+    assert "44 runs for 15 terms; 45 are required (3 per term)." in look(DEPARTED, n_runs=44).reasons
+    assert look(DEPARTED, n_runs=45).held
+    assert target_problem(replace(DEPARTED, max_runs=44), 2.0, 15).startswith("The stop rule needs at least 45 runs")
 
 
 def test_a_loss_above_its_limit_goes_on_for_as_many_runs_as_it_is_too_large() -> None:
@@ -145,6 +148,24 @@ def test_a_loss_above_its_limit_goes_on_for_as_many_runs_as_it_is_too_large() ->
     assert [check.name for check in decision.checks if not check.holds] == ["loss"]
     assert decision.reasons[0] == "The settings are expected to lose 0.8 percent; at most 0.5 percent is allowed."
     assert decision.runs_needed == 80  # of 50
+    assert decision.futility == ()
+    spent = look(replace(rule, max_runs=79), loss=0.8, unit="percent")
+    assert spent.futility == (
+        "The budget of 79 runs is too small for an expected loss of 0.5 percent: about 80 runs are needed.",
+    )
+    # The interval, too, is too wide, and 70 runs would do for it: the two are told apart.
+    wide = look(replace(rule, half_width=4.4, max_runs=70), loss=0.8, unit="percent")
+    assert [line.partition(":")[0] for line in wide.futility] == [
+        "The budget of 70 runs is too small for an expected loss of 0.5 percent"
+    ]
+
+
+def test_what_misses_its_target_is_not_told_as_the_target() -> None:
+    decision = look(replace(RULE, half_width=4.448, loss=0.8), loss=0.8004)
+    assert decision.reasons == ("The settings are expected to lose 0.8004; at most 0.8 is allowed.",)
+    interval = look(replace(RULE, half_width=4.449)).checks[0]  # of 4.44774
+    assert interval.holds
+    assert "is ± 4.448 (95 %); the target is ± 4.449." in interval.text
 
 
 def test_budget_that_cannot_reach_the_target() -> None:

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from seqrsm.campaign.budget import Plan, telling
+from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.check import CheckResult
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
-from seqrsm.report.rounding import format_plain, format_significant
+from seqrsm.report.rounding import format_against, format_plain, format_significant
 from seqrsm.report.sections.sources import group_notes
 from seqrsm.report.wording import with_unit
 
@@ -58,19 +58,19 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         return []
     known = math.isfinite(result.target)
 
-    def amount(value: float, digits: int = 2) -> str:
-        return format_significant(value, digits) if math.isfinite(value) else "-"
+    def amount(value: float, target: float = math.nan) -> str:
+        return format_against(value, target, 2) if math.isfinite(value) else "-"
 
     def numbers(plan: Plan) -> tuple[str, str, str]:
-        reach = "yes" if plan.reaches(result.target, result.most_loss) else "no"
+        reach = "yes" if plan.reaches(result.target, result.target_loss) else "no"
         return (
-            amount(plan.half_width, telling(plan.half_width, result.target, 2)),
-            amount(plan.loss),
+            amount(plan.half_width, result.target),
+            amount(plan.loss, result.target_loss),
             reach if plan.runs >= plan.asked else f"needs {plan.asked} runs",
         )
 
     columns = (right("Half-width", result.unit), right("Expected loss", result.unit))
-    limit = f", loss {format_plain(result.most_loss)}" if math.isfinite(result.most_loss) else ""
+    limit = f", loss {format_plain(result.target_loss)}" if math.isfinite(result.target_loss) else ""
     reach = f"\u00b1 {format_plain(result.target)}{limit}?" if known else "Enough runs?"
     ways = table(
         f"Expected results of {result.max_runs} runs",

@@ -21,11 +21,10 @@ from seqrsm.report.wording import (
     level_text,
     listing,
     number_cell,
-    of_applications,
     readable,
     run_decimals,
     source_counts,
-    target_texts,
+    targets_text,
     watched_interval,
     whole_cell,
     with_unit,
@@ -76,8 +75,8 @@ def question_section(dossier: Dossier) -> Section:
 
 def _stop_text(dossier: Dossier) -> str:
     stop = dossier.spec.stop
-    target, losses = of_applications(target_texts(dossier.spec)), target_texts(dossier.spec, "loss")
-    loss = f" and the settings an expected loss of at most {of_applications(losses)}" if losses else ""
+    target, loss = (targets_text(dossier.spec, key) for key in ("half_width", "loss"))
+    loss = f" and the settings an expected loss of at most {loss}" if loss else ""
     guards = {
         "runs": "a minimum number of runs for the terms of the model",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",

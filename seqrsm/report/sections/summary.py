@@ -14,7 +14,15 @@ from seqrsm.decide.stopping import BUDGET_SPENT
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
-from seqrsm.report.rounding import NOTHING, format_p, format_percent, format_plain, format_share, format_significant
+from seqrsm.report.rounding import (
+    NOTHING,
+    format_against,
+    format_p,
+    format_percent,
+    format_plain,
+    format_share,
+    format_significant,
+)
 from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
@@ -38,7 +46,6 @@ from seqrsm.report.wording import (
     setting_range_text,
     setting_spreads,
     source_counts,
-    target_texts,
     told_settings,
     watched_interval,
     with_unit,
@@ -175,7 +182,7 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
         ("Mean score", score_text(analysis, best.mean), missing or f"{level} confidence interval {mean}"),
         ("One future run", "none" if missing else ends, missing or f"{level} prediction interval"),
         *_ends(analysis),
-        ("Stop-rule half-width", _deciding(analysis), f"target {target}; {watched}"),
+        ("Stop-rule half-width", _deciding(analysis, stop.half_width), f"target {target}; {watched}"),
         ("Most important factor", *_most_important(analysis)),
         ("Runs in the fit", str(analysis.fit.n_runs), f"{terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
@@ -193,10 +200,10 @@ def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
     return [("Reference scores", ends, f"{without}, and error-free data")]
 
 
-def _deciding(analysis: Analysis) -> str:
+def _deciding(analysis: Analysis, target: float = math.nan) -> str:
     """Return the watched half-width to three digits: it is held against a target."""
     width = analysis.decision.half_width
-    return with_unit(format_significant(width, 3), analysis.score_unit) if math.isfinite(width) else "none"
+    return with_unit(format_against(width, target, 3), analysis.score_unit) if math.isfinite(width) else "none"
 
 
 def _decision_words(analysis: Analysis) -> tuple[str, str]:
@@ -314,13 +321,14 @@ def _reasons(analysis: Analysis) -> Iterator[str]:
 
 def _loss_sentence(spec: CampaignSpec, analysis: Analysis) -> str:
     posterior = analysis.posterior
-    loss = loss_text(analysis, posterior.expected_regret)
+    loss, limit = loss_text(analysis, posterior.expected_regret), spec.stop_of(analysis.application).loss
+    if limit is not None:
+        told, target = format_against(posterior.expected_regret, limit, 2), format_plain(limit)
+        loss = f"{with_unit(told, analysis.score_unit)} (target: at most {with_unit(target, analysis.score_unit)})"
     epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
-    limit = target_texts(spec, "loss").get(analysis.application)
-    target = f" (target: at most {limit})" if limit else ""
     return (
-        f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}{target}; "
-        f"probability of losing more than {epsilon}: {format_share(posterior.p_regret_above)}."
+        f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}; probability of "
+        f"losing more than {epsilon}: {format_share(posterior.p_regret_above)}."
     )
 
 
