@@ -20,11 +20,11 @@ from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_uni
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
-from seqrsm.score.flight import MeasuredScore, ScoresFile, names_runs_alone, read_scores
+from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 from seqrsm.score.table import TableSource, TableText, table_text
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import IngestedFile, IngestedRun, IngestOutcome, NewScore, RankingSummary, Settings
+from seqrsm.store.records import IngestedFile, IngestedRun, IngestOutcome, NewScore, RankingSummary, RunRecord, Settings
 from seqrsm.store.store import Store
 
 
@@ -88,14 +88,16 @@ def ingest_files(
     StoreError, SpecError
         Rows that do not fit the runs of the campaign, or runs that do not fit its region; nothing was changed.
     """
-    see_units(spec, store.runs())
+    runs = store.runs()
+    see_units(spec, runs)
     read: list[_Read] = []
     problems: list[Problem] = []
     only_ranked = all(one.utility == "rank" for one in spec.applications)
     for source in sources:
         try:
             text = table_text(source)
-            read.append((_read_rankings if is_rankings_file(text, only_ranked) else _read_scores)(spec, text, store))
+            ranks = is_rankings_file(text, only_ranked)
+            read.append(_read_rankings(spec, text) if ranks else _read_scores(spec, text, runs))
         except ScoresFileError as error:
             problems += error.problems
     if problems:
@@ -154,34 +156,21 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     )
 
 
-def _read_scores(spec: CampaignSpec, text: TableText, store: Store) -> _Read:
+def _read_scores(spec: CampaignSpec, text: TableText, runs: Sequence[RunRecord]) -> _Read:
     measures = [Measure(one.name, one.is_percent, one.score_unit) for one in spec.applications]
-    factors = factor_columns(spec.factors)
-    bare = names_runs_alone(text, factors)
-    file = read_scores(text, () if bare else factors, measures, spec.model.block or "block")
-    file = _as_recorded(file, store) if bare else file
+    recorded = {run.run_id: run.settings for run in runs}
+    file = read_scores(text, factor_columns(spec.factors), measures, spec.model.block or "block", recorded)
     for score in file.scores:
         if spec.application(score.application).utility == "rank":
             message, remedy = (f"the scores of '{score.application}' come from rankings", "Give rankings.")
             raise ScoresFileError(message, remedy, file=file.name, line=score.line, field="score")
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
-    runs = _runs(spec, file, frozenset(outside))
-    ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    remarks = ["No settings are given: those of the runs named are taken."] if bare else []
+    ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(_runs(spec, file, frozenset(outside))))
+    remarks = ["No settings are given: those of the runs named are taken."] if file.bare else []
     return ingested, outside, file.unscored, [*remarks, *_remarks(outside, file.unscored)], file
 
 
-def _as_recorded(file: ScoresFile, store: Store) -> ScoresFile:
-    """The scores of a file without settings, with those of the runs that its rows name."""
-    known = {run.run_id: dict(run.settings) for run in store.runs()}
-    wrong = [row for row in file.scores if row.run_id not in known]
-    if wrong:
-        text, remedy = "no run has this id", "Give that of a proposed run, or a column for each factor."
-        raise ScoresFileError(*(Problem(text, remedy, file.name, row.line, "run_id", row.run_id) for row in wrong))
-    return replace(file, scores=tuple(replace(row, settings=known[row.run_id or 0]) for row in file.scores))
-
-
-def _read_rankings(spec: CampaignSpec, text: TableText, _: Store) -> _Read:
+def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     ranked = [application for application in spec.applications if application.utility == "rank"]
     name = text.name
     if not ranked:

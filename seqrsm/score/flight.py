@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name
 from seqrsm.score.table import TableSource
@@ -22,6 +23,7 @@ SOURCES = ("flight", "simulation")
 MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
 """Columns without which a row says something else."""
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
+_NONE: Mapping[int, Mapping[str, float | str]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,8 @@ class ScoresFile:
         Lines whose score is still empty.
     near : tuple of (str, str)
         Columns of the user's own that are nearly named as one that has a meaning, and that.
+    bare : bool
+        It has run ids and no settings: those of the runs named are taken.
     """
 
     name: str
@@ -86,10 +90,15 @@ class ScoresFile:
     scores: tuple[MeasuredScore, ...]
     unscored: tuple[int, ...]
     near: tuple[tuple[str, str], ...] = ()
+    bare: bool = False
 
 
 def read_scores(
-    source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure], block: str = "block"
+    source: TableSource,
+    factors: Sequence[FactorColumn],
+    measures: Sequence[Measure],
+    block: str = "block",
+    recorded: Mapping[int, Mapping[str, float | str]] = _NONE,
 ) -> ScoresFile:
     """Read a file, or a table, of measured scores.
 
@@ -98,11 +107,13 @@ def read_scores(
     source : Path, str, DataFrame or TableText
         See `seqrsm.score.table.table_text`.
     factors : sequence of FactorColumn
-        Every factor must have its column.
+        Every factor must have its column, or none with a column ``run_id``.
     measures : sequence of Measure
         The campaign's applications; with one, the column ``application`` may be absent.
     block : str
         Column that the campaign takes blocks from.
+    recorded : Mapping
+        Settings of the campaign's runs, by run id.
 
     Raises
     ------
@@ -110,16 +121,11 @@ def read_scores(
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
     reader = _Reader(source, factors, measures)
+    reader.recorded = recorded
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(reader.file.name, reader.file.sha256, tuple(scores), tuple(unscored), reader.near(block))
-
-
-def names_runs_alone(source: TableSource, factors: Sequence[FactorColumn]) -> bool:
-    """Whether a file says by run ids alone what was flown: it has these, and no column that is or may be a factor's."""
-    reader = _Reader(source, factors)
-    reader.header()
-    return "run_id" in reader.columns and reader.no_factor()
+    file, near, bare = reader.file, reader.near(block), not reader.factors
+    return ScoresFile(file.name, file.sha256, tuple(scores), tuple(unscored), near, bare)
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:
@@ -135,8 +141,11 @@ class _Reader(CellReader):
     """Turns the cells of a table into scores."""
 
     optional = OPTIONAL
+    recorded = _NONE
 
     def missing(self, line: int) -> None:
+        if "run_id" in self.columns and self.no_factor():
+            self.factors = ()  # the runs that are named say what was flown
         super().missing(line)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
             free = self.free_columns()
@@ -197,6 +206,11 @@ class _Reader(CellReader):
             self.add("no such source", f"Write {' or '.join(SOURCES)}. {hint}", line, "source", text["source"])
         if not (text["score"] or text["n"] or text["correct"]):
             return None
+        if not self.factors:
+            settings = dict(self.recorded.get(run_id or 0, {}))
+            if not settings and (run_id or not text["run_id"]):
+                message, remedy = "no run has this id", "Give that of a proposed run, or a column for each factor."
+                self.add(message if run_id else "the cell is empty", remedy, line, "run_id", run_id)
         measure = self.measures.get(application, Measure(application))
         for name, unit in self.told_units.items():
             if text[name] and application in self.measures and unit != measure.score_unit:

@@ -126,7 +126,8 @@ def test_a_form_without_settings_is_of_the_runs_that_it_names(campaign, store):
     ("text", "words"),
     [
         ("run_id,score\n1,70\n9,71\n", r"scores\.csv:3: run_id: no run has this id \(got 9\)"),
-        ("run_id,score\n1,70\n,71\n", r"scores\.csv:3: run_id: no run has this id\."),
+        ("run_id,score\n1,70\n,71\n", r"scores\.csv:3: run_id: the cell is empty\. Give that of a proposed run"),
+        ("run_id,score\n1,70\nx,71\n", r"scores\.csv:3: run_id: this is not a number \(got 'x'\)"),
         ("run_id,Freq [GHz],score\n1,2,70\n", r"Rename the column 'Freq \[GHz\]' to 'frequency \[GHz\]'"),
         ("run_id,looks,score\n1,4,70\n", "frequency: no column for this factor"),
         ("flight,score\n1,70\n", "it names no factor"),
