@@ -184,12 +184,12 @@ class Calendar:
         rows, cross = self._fields(categories), int(channel == "HV")
         years = np.empty((4, len(rows), DAYS.size))
         for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
-            tilt, spread, days, late = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days
+            tilt, spread, days, late, sd = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days, 0.0
             if name in self.own:
                 change, sd = self._of_own(name, frequency_ghz, channel)
                 days, late = _EVEN_DAYS, 0
             else:
-                change, sd = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k]), 0.0
+                change = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
                 if row.group != "even":
                     cover, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
                     tilt, spread = -_TILT_DB_PER_DEG * (cover[_FLIGHTS].mean() - cover), 2.0 - cover
@@ -211,22 +211,23 @@ class Calendar:
 
     def emission(self, category: str, frequency_ghz: float, polarization: str, day: float) -> tuple[float, float]:
         """What the user's course adds to a cover's emissivity on a day, and its standard deviation; 0 without one."""
-        change, sd = self._of_own(category, frequency_ghz, polarization) if category in self.own else (0.0 * DAYS, 0.0)
+        if category not in self.own:
+            return 0.0, 0.0
+        change, sd = self._of_own(category, frequency_ghz, polarization)
         return float(on_day(change, day)), sd
 
     def notes(self, categories: tuple[str, ...], channel: str) -> tuple[str, ...]:
         """What the user's courses of a channel rest on, and by how much the shipped ones are moved."""
-        moved = f"the built-in calendar of crops comes {self.late_days} days later (as configured)"
-        own = (self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
-        return (*((moved,) if self.late_days else ()), *own)
+        when = f"{abs(self.late_days)} days {'later' if self.late_days > 0 else 'earlier'}"
+        moved = [f"the built-in calendar of crops comes {when} (as configured)"] if self.late_days else []
+        return *moved, *(self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
 
     def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
         """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""
         known = dict(fields_by_category())
         known |= {name: known[_AS_ASSUMED] for name in self.own if not has_course(name)}
         remedy = f"Leave first_day out, or add its rows to a [simulator] calendar; known: {', '.join(known)}"
-        missing = [name for name in dict.fromkeys(categories) if name not in known]
-        if missing:
+        if missing := [name for name in dict.fromkeys(categories) if name not in known]:
             text, file = "no calendar of this category", self.file or None
             raise ScatteringDataError(*(Problem(text, remedy, file, field=COVER, value=name) for name in missing))
         return [known[name] for name in categories]

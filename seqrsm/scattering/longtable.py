@@ -90,10 +90,9 @@ def in_order(block: list[Node], at: str, problems: list[Problem], column: str = 
     places = [node.place for node in block]
     twice = [node for node in block if places.count(node.place) > 1]
     problems += [node.row.problem(column, f"{at}: it is given twice") for node in twice]
-    if len(set(places)) >= 2:
-        return [] if twice else block
-    problems.append(block[0].row.problem(column, f"{at}: 1 row, at least 2 are needed", "Add some"))
-    return []
+    if len(block) == 1:
+        problems.append(block[0].row.problem(column, f"{at}: 1 row, at least 2 are needed", "Add some"))
+    return [] if twice or len(block) == 1 else block
 
 
 def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float]]:
@@ -136,7 +135,7 @@ def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, fl
 def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | None:
     """The node of a row, or None after its faults are appended to ``problems``."""
     before, of_day = len(problems), quantity is None
-    quantity = quantity or row.choice("quantity", problems, ("sigma0", "emissivity"))
+    quantity = row.choice("quantity", problems, (quantity,) if quantity else ("sigma0", "emissivity"))
     if len(problems) > before:
         return None  # what else is wrong depends on it
     if quantity == "sigma0":
@@ -147,8 +146,6 @@ def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | Non
         channels, states, most_sd, most_mean_sd = ["H", "V"], [], 0.5, 1.0
     if of_day:
         limits = {"1": (-1.0, 1.0)} if quantity == "emissivity" else {"dB": (-40.0, 40.0)}
-    else:
-        row.choice("quantity", problems, (quantity,))
     unit = row.choice("unit", problems, tuple(limits))
     row.choice("status", problems, STATUSES)
     empty = [column for column in ("category", "source") if not row.text(column)]
