@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.cli.notebook import Campaign as Notebook
+from seqrsm.cli.show_fit import show_look
 from seqrsm.report.sections.data import question_section
 
 TWO = """\
@@ -103,13 +105,21 @@ def test_every_face_tells_the_limit_of_the_application_that_has_one(campaign: Pa
     assert "and the settings an expected loss of at most 2\\xa0percent for cover; in addition" in question
 
 
-def test_a_limit_that_is_missed_by_little_is_told_with_the_digits_that_show_it(campaign: Path) -> None:
+def test_a_limit_that_is_missed_by_little_is_told_with_the_digits_that_show_it(campaign: Path, capsys) -> None:
     loss = json.loads(seqrsm("status", limited(campaign, 2.0), "--json"))["applications"][0]["last_look"][
         "expected_loss"
     ]
     limit = float(f"{loss:.2g}") if float(f"{loss:.2g}") < loss else float(f"{0.9999 * loss:.4g}")
     folder = limited(campaign, limit)
     assert not look(folder)["held"]
+    made = Campaign.open(folder)
+    show_look(made.spec, made.analyse_all(n_draws=1000)[0])
+    made.store.close()
+    said = capsys.readouterr().err
+    lost = re.search(rf" loss (\S+) \(target {limit:g}\)  not met: .*loss", said)
+    assert lost is not None, said
+    assert float(lost[1]) > limit
+    assert "The settings are expected to lose" not in seqrsm("fit", folder)  # but once, in the next steps
     for text in (seqrsm("status", folder), seqrsm("fit", folder)):
         place = text.index(f"at most {limit:g} percent")
         assert f"{limit:g} percent" not in text[place - 40 : place]

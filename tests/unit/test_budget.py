@@ -209,6 +209,33 @@ def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, cod
     assert (found["refused"] != "") == (code == 2)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_check_holds_losses_against_their_limit_where_the_scatter_is_known(tmp_path: Path, known: bool) -> None:
+    text = SPEC.format(runs=60, guard="runs").replace("[stop]", "[stop]\nloss = LIMIT")
+    if not known:
+        text = text.replace("[application.prior]\nutility = [40.0, 90.0]\nrepeat_sd = 2.0\n", "")
+    toml = tmp_path / "campaign.toml"
+
+    def found(limit: float) -> tuple[dict, str]:
+        toml.write_text(text.replace("LIMIT", f"{limit:.9g}"), encoding="utf-8")
+        told = CliRunner().invoke(app, ["check", str(tmp_path)]).stdout
+        return json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout), " ".join(told.split())
+
+    result, told = found(50.0)
+    if not known:
+        assert (result["target"], result["target_loss"]) == (None, None)
+        assert "Enough runs?" in told
+        return
+    assert (result["target"], result["target_loss"]) == (6.0, 50.0)
+    loss = result["plans"][0]["loss"]
+    width = f"{result['plans'][0]['half_width']:.2g}"
+    assert f"± 6, loss 50? as in campaign.toml 12 {width} {loss:.2g} yes" in told
+    _, told = found(0.9999 * loss)  # to two digits they are the same
+    row = told.partition("as in campaign.toml")[2].split()
+    assert row[3] == "no"
+    assert float(row[2]) > 0.9999 * loss
+
+
 @pytest.mark.parametrize("counts", [False, True])
 def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     """A scatter of 0.8 percent, or of 400 decisions of which 96 percent are right."""

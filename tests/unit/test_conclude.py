@@ -13,12 +13,13 @@ from process_cases import bowl, hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
-from seqrsm.analysis.conclude import _possible, analyse
+from seqrsm.analysis.conclude import _possible, analyse, as_found
 from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.analysis.runs import evidence, response_scale
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
+from seqrsm.decide.stopping import StopRule
 from seqrsm.errors import FitError
 from seqrsm.report.rounding import format_plain
 from seqrsm.report.sections.model import diagnostics_section
@@ -289,6 +290,12 @@ def test_no_factor_is_most_important_where_none_is_significant(tmp_path) -> None
     told = str(summary_section(found.spec, [analysis], None, ()))
     assert told.count("No factor has a significant effect") == 1
     assert "none significant" in told
+
+
+def test_the_rule_asks_for_more_runs_where_the_surface_is_likely_no_quadratic(narrow: Analysis) -> None:
+    for probability, asked in ((0.49, 29), (0.51, 45)):
+        fitted = replace(narrow.fitted, departure=replace(narrow.fitted.departure, probability=probability))
+        assert as_found(StopRule(), fitted, narrow.optimum.point).min_runs(15) == asked
 
 
 def test_an_expected_loss_has_a_limit_that_every_look_holds_it_against_alike(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from seqrsm.report.blocks import Paragraph, Table
 from seqrsm.report.sections.summary import summary_section
 from seqrsm.report.wording import rounded_settings, told_settings
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.sensor.sets import BANDS, Dates, members_of, set_problems
+from seqrsm.sensor.sets import BANDS, Dates, day_of_year, members_of, set_problems
 from seqrsm.spec.read import load_spec
 from seqrsm.spec.sensors import without_effect
 
@@ -70,6 +70,11 @@ def test_a_series_over_the_new_year_is_one_season() -> None:
     assert [one.sensor.day_of_year for one in found] == [300.0, 320.0, 340.0, 360.0, 15.0, 35.0]
     assert found[4].label == "passive, day 15"
     np.testing.assert_array_equal(np.diff(found[0].visit.days), 20.0)
+
+
+def test_days_of_the_year_begin_anew_after_365() -> None:
+    days = (1.0, 365.0, 365.75, 366.0, 380.5, 730.0, 731.0)
+    assert [day_of_year(day) for day in days] == [1.0, 365.0, 365.75, 1.0, 15.5, 365.0, 1.0]
 
 
 def test_days_of_all_members_are_one_calendar() -> None:
@@ -129,6 +134,7 @@ def test_impossible_dates_are_refused(given, words) -> None:
             "the dates span 370 days, more than one year of crops",
         ),
         ({"frequency": "C", "dates": 12, "first_day": 100.0, "interval_days": 180.0}, {}, "the dates span 1980 days"),
+        ({"frequency": "C", "days": "10+375"}, {}, "the dates span 365 days"),
         ({"frequency": "C", "dates": 14, "first_day": 200.0, "interval_days": 30.0}, {}, "the dates span 390 days"),
         ({"frequency": "C", "first_day": 100.0, "season": "winter"}, {}, "the season follows from the dates"),
         ({"frequency": "L+C"}, {"C": {"resolution": 1.0, "antenna_length_m": 10.0}}, "sensor C of the set"),

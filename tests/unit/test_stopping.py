@@ -148,6 +148,7 @@ def test_a_loss_above_its_limit_goes_on_for_as_many_runs_as_it_is_too_large() ->
     assert [check.name for check in decision.checks if not check.holds] == ["loss"]
     assert decision.reasons[0] == "The settings are expected to lose 0.8 percent; at most 0.5 percent is allowed."
     assert decision.runs_needed == 80  # of 50
+    assert look(rule, loss=0.805).runs_needed == 81
     assert decision.futility == ()
     spent = look(replace(rule, max_runs=79), loss=0.8, unit="percent")
     assert spent.futility == (
