@@ -262,7 +262,7 @@ bandwidth = 60.0
 peak_power = 1000.0
 depression_angle = 45.0
 altitude_m = 4000.0
-first_day = 120.0
+first_day = 330.0
 [stop]
 half_width = 20.0
 max_runs = 24
@@ -282,12 +282,16 @@ def test_dates_are_those_on_which_a_sensor_passes_and_a_set_is_taken_apart(tmp_p
     rows = found(folder)
     (application,) = json.loads((folder / FILE).read_text(encoding="utf-8"))["applications"].values()
     best = application["settings"]
-    days = [120.0 + k * best["interval_days"] for k in range(int(best["dates"]))]
+    days = [330.0 + k * best["interval_days"] for k in range(int(best["dates"]))]  # on over the new year
+    assert days[-1] > 366.0
     sentinel, radarsat = rows["Sentinel-1 IW GRDH, VV+VH"], rows["RADARSAT-2 Standard SGF, HH+HV"]
-    assert rows["UAVSAR L MLC, HH+HV+VV"]["dates"] == {"used": pytest.approx(days), "offered": None}  # flies when asked
+    assert rows["UAVSAR L MLC, HH+HV+VV"]["dates"] == {  # flies when asked
+        "used": pytest.approx([day - 365.0 if day >= 366.0 else day for day in days]),
+        "offered": None,
+    }
     for row, repeat in ((sentinel, 6.0), (radarsat, 24.0)):
-        used, offered = row["dates"]["used"], row["dates"]["offered"]
-        assert used[0] == 120.0 + repeat / 2
+        used, offered = [day + 365.0 * (day < 330.0) for day in row["dates"]["used"]], row["dates"]["offered"]
+        assert used[0] == 330.0 + repeat / 2
         assert all((day - used[0]) % repeat == pytest.approx(0.0) for day in used)
         assert len(used) == min(offered, 4)
         assert offered == 1 + max(int((days[-1] - used[0]) // repeat), 0)

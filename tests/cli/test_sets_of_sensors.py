@@ -201,6 +201,9 @@ def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, ti
     drawn = crop_calendar(load_spec(folder), settings)
     assert drawn is not None
     assert np.ptp(drawn.sigma0_db[0, 0]) == pytest.approx(2.0)
+    late = crop_calendar(load_spec(folder), {**settings, "dates": 2.0, "first_day": 350.0})
+    assert late is not None
+    assert late.days == (350.0, 5.0)  # 20 days later
     assert seqrsm("run", folder).exit_code in (0, 3)
     (folder / "calendar.csv").write_text(CALENDAR.replace("-1.5", "-2.5"), encoding="utf-8")
     stopped = seqrsm("run", folder)
@@ -251,6 +254,11 @@ def test_faults_of_a_calendar_are_told_before_any_run(tmp_path, tiny_scene) -> N
     idle = "rows of calendar.csv for Soybean have no effect: the scene has Grass, Trees"
     assert any(note.startswith(idle) for note in told("check", folder)["combinations"])
     toml = folder / "campaign.toml"
+    dateless = text().replace('engine = "psm"', 'engine = "psm"\ncalendar_shift_days = 182')
+    for factor in ('name = "dates"\nvalues = [1, 2, 3]\n', 'name = "first_day"\nlow = 100.0\nhigh = 180.0\n'):
+        dateless = dateless.replace(f"[[factor]]\n{factor}", "")
+    toml.write_text(dateless.replace("interval_days = 20.0", ""), encoding="utf-8")
+    assert "the calendar has no effect, as there are no dates: give first_day" in told("check", folder)["combinations"]
     for given, words in (("calendar_shift_days = 400", "calendar_shift_days"), ("", "there is no such file")):
         toml.write_text(text().replace('engine = "psm"', f'engine = "psm"\ncalendar = "other.csv"\n{given}'))
         stopped = seqrsm("check", folder)

@@ -136,8 +136,9 @@ def test_a_form_without_settings_is_of_the_runs_that_it_names(campaign, store):
 def test_without_settings_every_run_is_named_or_nothing_taken(campaign, store, text, words):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="flight")], issue=True)
     before = snapshot(store)
-    with pytest.raises(ScoresFileError, match=words):
+    with pytest.raises(ScoresFileError, match=words) as caught:
         campaign(text)
+    assert len({problem.field for problem in caught.value.problems}) == len(caught.value.problems)
     assert snapshot(store) == before
 
 

@@ -93,6 +93,13 @@ def test_an_own_course_is_what_its_rows_say_the_year_round(tmp_path):
     assert between.sd_db[1, 14] == pytest.approx(0.9)
     assert any("course of calendar.csv (measured: my plots)" in note for note in found.notes)
     assert "the built-in calendar of crops comes 100 days later (as configured)" in found.notes
+    assert load_calendar(None, -9).notes((), "VV") == (
+        "the built-in calendar of crops comes 9 days earlier (as configured)",
+    )
+    for near, far in ((2.51, 2.49), (19.9, 20.1)):  # held for an octave
+        assert table.lookup(("Corn",), near, "VV", day=15).course.change_db[0, 14] == (-1.5 if near < 5.0 else 2.0)
+        with pytest.raises(ScatteringDataError, match=f"within an octave of {far} GHz"):
+            table.lookup(("Corn",), far, "VV", day=15)
     here, moved = (replace(TABLE, calendar=c).lookup(CROPS, 5.0, "VV", day=150) for c in (SHIPPED, table.calendar))
     assert here.sigma0[0, 40] != pytest.approx(table.lookup(CROPS, 5.0, "VV", day=150).sigma0[0, 40])
     assert here.sigma0[0, 40] == pytest.approx(table.lookup(CROPS, 5.0, "VV", day=250).sigma0[0, 40])
@@ -116,6 +123,8 @@ def test_an_own_course_of_emissivity_adds_to_the_table(tmp_path):
     level, found = table.lookup(("Corn",), 1.4, "H"), own.lookup(("Corn",), 1.4, "H", day=100)
     np.testing.assert_allclose(found.emissivity, np.clip(level.emissivity - 0.04, 0.0, 1.0))
     assert found.mean_sd[0] == pytest.approx(np.hypot(level.mean_sd[0], 0.01))
+    bright = replace(table, calendar=calendar(tmp_path, [(*row[:5], 0.5, 0.01) for row in rows]))
+    assert bright.lookup(("Corn",), 1.4, "H", day=9).emissivity.max() == 1.0
     with pytest.raises(ScatteringDataError, match=r"the calendar has no V of Corn within an octave of 1\.4 GHz"):
         own.lookup(("Corn",), 1.4, "V", day=100)
 
