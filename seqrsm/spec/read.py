@@ -69,7 +69,7 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95): probability content of the
     intervals; ``loss`` (no limit): largest expected loss of the recommended settings against the true optimum, in score
     units; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p or, while a quadratic is likelier than not,
-    n >= p + 14; or "confirmation": confirmation runs decide); ``confirmation_runs`` (5): runs made at the optimum to
+    n >= p + 20; or "confirmation": confirmation runs decide); ``confirmation_runs`` (5): runs made at the optimum to
     confirm it, at least 2; ``lack_of_fit_alpha`` (0.05): significance level of lack of fit; ``worlds`` ("count", the
     default: the target applies to the whole interval; or "ignore": to sampling error only, without table uncertainty).
 ``[store]``

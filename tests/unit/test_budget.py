@@ -55,7 +55,7 @@ def test_constants_of_days_cost_degrees_of_freedom_and_ask_for_runs() -> None:
     )
     wider = student.ppf(0.975, 20 - 6 - 8) / student.ppf(0.975, 20 - 6)
     assert beside[0].half_width == pytest.approx(wider * without[0].half_width)
-    assert (without[0].asked, beside[0].asked) == (18, 14 + 14)  # three a term; 14 degrees of freedom beside 14 columns
+    assert (without[0].asked, beside[0].asked) == (18, 14 + 20)  # three a term; 20 degrees of freedom beside 14 columns
     assert np.isnan(beside[1].half_width)  # 14 runs for 14 columns
     assert np.isfinite(without[1].half_width)
 
@@ -128,10 +128,10 @@ def test_more_runs_give_more_and_too_few_say_so() -> None:
     widths = [plan.half_width for plan in mine if plan.runs > plan.n_terms]
     assert all(after < 1.02 * before for before, after in pairwise(widths))
     assert [np.isnan(plan.half_width) for plan in mine] == [plan.runs <= plan.n_terms for plan in mine]
-    assert not plans[0].reaches(rule.half_width, np.nan)  # asks for 26
+    assert not plans[0].reaches(rule.half_width, np.nan)  # asks for 32
     words = way_out(plans, over, rule.half_width, np.nan, "percent")
     assert words.startswith("With 20 runs: ")
-    assert "max_runs = 26" in words
+    assert "max_runs = 32" in words
     assert {plan.change.split(" ")[0] for plan in plans} == {"", "[model]", "[stop]", "a", "b", "q"}
     assert "Widen [stop] half_width to that" in way_out(plans, over, 0.1, np.nan, "percent")
 
@@ -189,7 +189,7 @@ guard = "{guard}"
     ("runs", "guard", "code", "says"),
     [
         (60, "runs", 0, "No problems found."),
-        (20, "runs", 0, "Warning: The stop rule needs at least 26 runs for a model of 12 terms"),
+        (20, "runs", 0, "Warning: The stop rule needs at least 32 runs for a model of 12 terms"),
         (11, "runs", 2, "11 runs cannot determine 12 terms"),
         (11, "confirmation", 2, "[model] order = 1"),
     ],

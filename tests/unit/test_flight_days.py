@@ -60,7 +60,7 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
 
 
 def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path) -> None:
-    """A quadratic in two factors and eight days are 13 terms: told were 18 runs where the rule asks for 27."""
+    """A quadratic in two factors and eight days are 13 terms: told were 18 runs where the rule asks for 33."""
     points = np.round(spread(40, 2), 3)
     text = specification(numeric(2), rest='[model]\nblock = "day"\n').replace("max_runs = 400", "max_runs = 44")
     (tmp_path / "new").mkdir()
@@ -69,13 +69,13 @@ def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path
     scores = bowl(points) + OF_DAYS + NOISE
     (analysis,) = campaign(tmp_path / "c", text, points, scores, source="flight", block=DAYS).analyse_all(n_draws=400)
     after = check_campaign(tmp_path / "c")
-    assert "27 are required (14 degrees of freedom)" in " ".join(check.text for check in analysis.decision.checks)
-    assert (before.min_runs, after.min_runs) == (18, 27)
-    assert {plan.asked for plan in after.plans if not plan.change} == {27}
+    assert "33 are required (20 degrees of freedom)" in " ".join(check.text for check in analysis.decision.checks)
+    assert (before.min_runs, after.min_runs) == (18, 33)
+    assert {plan.asked for plan in after.plans if not plan.change} == {33}
     told = [dict(check_sections(one, every_note=False)[0].blocks[0].items) for one in (before, after)]
     assert [one["minimum runs to stop"] for one in told] == [
-        "18, and more for each further flight day; the budget is enough for 24 of these",
-        "27, and more for each further flight day; the budget is enough for 17 of these",
+        "18, and more for each further flight day; the budget is enough for 18 of these",
+        "33, and more for each further flight day; the budget is enough for 11 of these",
     ]
     random = check_campaign(
         campaign(

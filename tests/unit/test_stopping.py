@@ -56,7 +56,7 @@ def test_all_parts_hold_and_it_stops() -> None:
     ("part", "changes", "number"),
     [
         ("interval", {"s": 2.3}, "± 5.1"),
-        ("runs", {"n_runs": 28}, "29 are required (14 degrees of freedom)"),
+        ("runs", {"n_runs": 34}, "35 are required (20 degrees of freedom)"),
         ("runs", {"n_runs": 17, "n_terms": 6}, "18 are required (3 per term)"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
         ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
@@ -134,7 +134,7 @@ def test_runs_needed_is_the_smallest_number_that_reaches_the_target() -> None:
 
 def test_runs_needed_respects_the_guard() -> None:
     few = {"n_runs": 20, "df_residual": 5, "s": 1.0}
-    assert look(**few).runs_needed == 29
+    assert look(**few).runs_needed == 35
     assert look(DEPARTED, **few).runs_needed == 45
     assert "44 runs for 15 terms; 45 are required (3 per term)." in look(DEPARTED, n_runs=44).reasons
     assert look(DEPARTED, n_runs=45).held
@@ -233,7 +233,7 @@ def test_unreachable_targets_are_explained() -> None:
     assert floor.endswith(f"below ± 3.92 percent; about ± {h:.3g} percent is attainable for the mean of 5 runs.")
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
     assert "60 runs cannot reach" in budget
-    assert "29 runs" in target_problem(StopRule(half_width=5.0, max_runs=28), 2.0, 15)
+    assert "35 runs" in target_problem(StopRule(half_width=5.0, max_runs=34), 2.0, 15)
     # One degree of freedom: Student's t is 12.7, not 2.
     one = StopRule(half_width=10.0, max_runs=16, guard="confirmation")
     assert "16 runs cannot reach a half-width of 10" in target_problem(one, 1.0, 15)
@@ -288,7 +288,7 @@ def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_abou
     assert list(holds(decision)) == ["interval", "runs"]
     assert decision.held
     assert not look(**bare, weighed=True, s=2.5).held  # the interval
-    assert not look(**bare, weighed=True, n_runs=28).held
+    assert not look(**bare, weighed=True, n_runs=34).held
 
 
 def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
