@@ -75,10 +75,8 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
     radars = {one.member: one for one in made if isinstance(one.sensor, RadarConfiguration) and one.visit.days}
     cells = _scored_cells(scene)
     own = task.scattering(task.engine).calendar.own
-    grown = [
-        name for k in np.argsort(-cells) if cells[k] and ((name := scene.categories[k]) in own or has_course(name))
-    ]
-    crops = tuple(grown[:_CROPS])
+    covers = [scene.categories[k] for k in np.argsort(-cells) if cells[k]]
+    crops = tuple(name for name in covers if name in own or has_course(name))[:_CROPS]
     if not radars or not crops:
         return None
     channels, levels = [], []

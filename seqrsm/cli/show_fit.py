@@ -16,7 +16,7 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Section
-from seqrsm.report.rounding import format_against, format_significant
+from seqrsm.report.rounding import format_against, format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
@@ -27,7 +27,6 @@ from seqrsm.report.wording import (
     ground_name,
     parts_of_width,
     readable,
-    target_texts,
     targets_text,
     told_settings,
     watched_interval,
@@ -109,15 +108,14 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
 def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
-    targets = " and ".join(dict.fromkeys(f"\u00b1 {target}" for target in target_texts(spec).values()))
-    unit = spec.cost.told_unit
+    unit, target, loss = spec.cost.told_unit, targets_text(spec, "half_width"), targets_text(spec, "loss")
     spent = f"; cost spent {''.join(cost_texts(result, unit))}" if unit else ""
     rows = [
         ["runs", states],
         ["budget", f"{result['max_runs']} runs{spent}"],
-        ["target", f"{watched_interval(spec.stop)}, {targets} at {100 * result['level']:g} %"],
+        ["target", f"{100 * result['level']:g} % {watched_interval(spec.stop)}, \u00b1 {target}"],
     ]
-    if loss := targets_text(spec, "loss"):
+    if loss:
         rows.append(["", f"expected loss, at most {loss}"])
     if result["simulated_by"]:
         scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
@@ -144,7 +142,7 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    target, limit = (target_texts(spec, key).get(application["name"]) for key in ("half_width", "loss"))
+    target, limit = application["target_half_width"], application["target_loss"]
     known = look.get("settings_spread", {}).items()
     spreads = {name: math.nan if spread is None else spread for name, spread in known}
     told = told_settings(spec.region, best["settings"], spreads)
@@ -157,11 +155,11 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
             width, digits = (look["half_width"], 3) if watched else (best[kind]["half_width"], 2)
-            wide = with_unit(known_text(width, digits, application["target_half_width"]), unit)
-            line(f"{words}: \u00b1 {wide}" + f", target \u00b1 {target}" * watched, 2)
-    if limit:
-        loss = with_unit(known_text(look["expected_loss"], 2, application["target_loss"]), unit)
-        line(f"expected loss: {loss}, target at most {limit}", 2)
+            wide = with_unit(known_text(width, digits, target), unit)
+            line(f"{words}: \u00b1 {wide}" + f", target \u00b1 {with_unit(format_plain(target), unit)}" * watched, 2)
+    if limit is not None:
+        loss = with_unit(known_text(look["expected_loss"], 2, limit), unit)
+        line(f"expected loss: {loss}, target at most {with_unit(format_plain(limit), unit)}", 2)
     heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

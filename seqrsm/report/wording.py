@@ -98,15 +98,10 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text}\u00a0{unit}" if unit and text != NOTHING else text
 
 
-def target_texts(spec: CampaignSpec, target: Literal["half_width", "loss"] = "half_width") -> dict[str, str]:
-    """Target half-width of each application with its unit, or the loss that is allowed, where it is limited."""
-    targets = {one: getattr(spec.stop_of(one.name), target) for one in spec.applications}
-    return {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets.items() if x is not None}
-
-
 def targets_text(spec: CampaignSpec, target: Literal["half_width", "loss"]) -> str:
-    """The same, one for all applications or each with the name of its own; "" where there is none."""
-    texts = target_texts(spec, target)
+    """A target of all applications with its unit, or of each with its name; "" where there is none."""
+    targets = {one: getattr(spec.stop_of(one.name), target) for one in spec.applications}
+    texts = {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets.items() if x is not None}
     if len(texts) == len(spec.applications) and len(set(texts.values())) == 1:
         return next(iter(texts.values()))
     return listing([f"{text} for {name}" for name, text in texts.items()])

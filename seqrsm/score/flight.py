@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name
 from seqrsm.score.table import TableSource
@@ -23,7 +22,6 @@ SOURCES = ("flight", "simulation")
 MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
 """Columns without which a row says something else."""
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
-_NONE: Mapping[int, Mapping[str, float | str]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +96,7 @@ def read_scores(
     factors: Sequence[FactorColumn],
     measures: Sequence[Measure],
     block: str = "block",
-    recorded: Mapping[int, Mapping[str, float | str]] = _NONE,
+    recorded: Mapping[int, Mapping[str, float | str]] | None = None,
 ) -> ScoresFile:
     """Read a file, or a table, of measured scores.
 
@@ -121,7 +119,7 @@ def read_scores(
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
     reader = _Reader(source, factors, measures)
-    reader.recorded = recorded
+    reader.recorded = recorded or {}
     scores, unscored = reader.rows()
     reader.refuse()
     file, near, bare = reader.file, reader.near(block), not reader.factors
@@ -141,7 +139,7 @@ class _Reader(CellReader):
     """Turns the cells of a table into scores."""
 
     optional = OPTIONAL
-    recorded = _NONE
+    recorded: Mapping[int, Mapping[str, float | str]]
 
     def missing(self, line: int) -> None:
         if "run_id" in self.columns and self.no_factor():

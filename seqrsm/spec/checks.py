@@ -121,12 +121,9 @@ def goals(applications: Tables[ApplicationSpec], report: Reporter) -> None:
             report.add((*path, "unit"), text, "Remove the key.", application.unit)
 
 
-def targets(applications: Tables[ApplicationSpec], keys: Sequence[str], report: Reporter) -> None:
-    """One target is for scores of one unit; of measured scores and your own functions it may be unknown.
-
-    ``keys``: the targets of ``[stop]``, of "half_width" and "loss".
-    """
-    for key in keys:
+def targets(applications: Tables[ApplicationSpec], stop: object, report: Reporter) -> None:
+    """A target in ``[stop]``, as written, is for scores of one unit; of your own functions it may be unknown."""
+    for key in ("half_width", *(("loss",) if isinstance(stop, dict) and "loss" in stop else ())):
         shared = [(i, one) for i, one in applications if one.has_known_unit and getattr(one, key) is None]
         if len({one.score_unit for _, one in shared}) > 1:
             for index, one in shared:

@@ -221,8 +221,8 @@ class CampaignSpec:
     def stop_of(self, name: str) -> StopSpec:
         """``[stop]`` with the targets of the application of this name."""
         one = self.application(name)
-        own = {"half_width": one.half_width, "loss": one.loss}
-        return self.stop.model_copy(update={key: value for key, value in own.items() if value is not None})
+        own = {key: value for key in ("half_width", "loss") if (value := getattr(one, key)) is not None}
+        return self.stop.model_copy(update=own)
 
 
 def load_spec(location: FilePath | str) -> CampaignSpec:
@@ -357,9 +357,7 @@ def _checked(
         spec_checks.simulator(folder, raw["simulator"], names, report)
         spec_sensors.members(sensors, written, raw["simulator"].get("fixed"), report)
     spec_checks.goals(applications, report)
-    stop = raw.get("stop")
-    keys = ["half_width", *(key for key in ("loss",) if isinstance(stop, dict) and key in stop)]
-    spec_checks.targets(applications, keys, report)
+    spec_checks.targets(applications, raw.get("stop"), report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", considerations, report)

@@ -230,10 +230,11 @@ def test_check_holds_losses_against_their_limit_where_the_scatter_is_known(tmp_p
     loss = result["plans"][0]["loss"]
     width = f"{result['plans'][0]['half_width']:.2g}"
     assert f"± 6, loss 50? as in campaign.toml 12 {width} {loss:.2g} yes" in told
-    _, told = found(0.9999 * loss)  # to two digits they are the same
-    row = told.partition("as in campaign.toml")[2].split()
-    assert row[3] == "no"
-    assert float(row[2]) > 0.9999 * loss
+    for limit, reached in ((0.9999 * loss, "no"), (1.0001 * loss, "yes")):  # to two digits they are the same
+        _, told = found(limit)
+        row = told.partition("as in campaign.toml")[2].split()
+        assert row[3] == reached
+        assert (float(row[2]) <= limit) == (reached == "yes")
 
 
 @pytest.mark.parametrize("counts", [False, True])
