@@ -104,7 +104,11 @@ def read_curves(
     curves = {}
     for name, group in groups.items():
         own = [node.row for node in nodes if node.category == name]
-        value = {key: _angles(f"{name}, {key[0]:g} GHz, {key[1]}", block, problems) for key, block in group.items()}
+        value = {
+            key: interpolated([node.place for node in curve], [node.value for node in curve])
+            for key, block in group.items()
+            if (curve := in_order(block, f"{name}, {key[0]:g} GHz, {key[1]}", problems))
+        }
         status = weakest(row.text("status") for row in own)
         if printed:
             note = "emissivities of Table 3, RSL TR 380-1; its 20 GHz, polarization H and moisture 0.2 are inferred"
@@ -115,11 +119,3 @@ def read_curves(
     refuse(problems, path)
     of_fields, of_means = (stated(nodes, name, lambda node: node.category) for name in ("sd", "mean_sd"))
     return curves, of_fields, of_means
-
-
-def _angles(at: str, block: list[Node], problems: list[Problem]) -> FloatArray:
-    """One curve on `THETA_DEG` from its nodes."""
-    nodes = in_order(block, at, problems)
-    if not nodes:
-        return np.zeros(THETA_DEG.size)
-    return interpolated([node.place for node in nodes], [node.value for node in nodes])

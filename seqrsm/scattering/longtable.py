@@ -86,13 +86,12 @@ def refuse(problems: list[Problem], path: str | Path) -> None:
 
 def in_order(block: list[Node], at: str, problems: list[Problem], column: str = "theta_deg") -> list[Node]:
     """The nodes of one curve by rising angle or day, two at least; else none, with the fault added to ``problems``."""
-    block = sorted(block, key=lambda node: node.place)
     places = [node.place for node in block]
-    twice = [node for node in block if places.count(node.place) > 1]
-    problems += [node.row.problem(column, f"{at}: it is given twice") for node in twice]
+    found = [node.row.problem(column, f"{at}: it is given twice") for node in block if places.count(node.place) > 1]
     if len(block) == 1:
-        problems.append(block[0].row.problem(column, f"{at}: 1 row, at least 2 are needed", "Add some"))
-    return [] if twice or len(block) == 1 else block
+        found = [block[0].row.problem(column, f"{at}: 1 row, at least 2 are needed", "Add some")]
+    problems += found
+    return [] if found else sorted(block, key=lambda node: node.place)
 
 
 def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float]]:
@@ -179,8 +178,9 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
     for (w, wind), (f, frequency), channel in product(enumerate(winds), enumerate(frequencies), channels):
         block = [n for n in nodes if (n.wind_m_s, n.frequency_ghz, n.channel) == (wind, frequency, channel)]
         at = f"{key[0]}, {key[1]}, {frequency:g} GHz, {channel}"
-        if block:
-            value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
+        if block and (curve := in_order(block, at, problems)):
+            level = np.interp(THETA_DEG, [node.place for node in curve], [node.value for node in curve])
+            value[w, f, POLARIZATIONS.index(channel)] = continued_db(level, curve[-1].place)  # gamma held beyond
     if len(problems) > before:
         return None
     status = [weakest(n.row.text("status") for n in nodes if n.frequency_ghz == f) for f in frequencies]
@@ -201,12 +201,3 @@ def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> 
         as_given=True,
         mean_sd_db=np.array([[of_mean.get((f, p), np.nan) for p in POLARIZATIONS] for f in frequencies]),
     )
-
-
-def _resampled(block: list[Node], at: str, problems: list[Problem]) -> FloatArray:
-    """Values on the 1-degree grid, linear in dB, held at the ends; gamma held beyond 75 deg and the last angle."""
-    nodes = in_order(block, at, problems)
-    if not nodes:
-        return np.full(THETA_DEG.size, np.nan)
-    value = np.interp(THETA_DEG, [node.place for node in nodes], [node.value for node in nodes])
-    return continued_db(np.asarray(value), nodes[-1].place)

@@ -188,7 +188,10 @@ class Sigma0Table:
         sd = np.array([found[name].mean_sd_db for name in names])
         through = None
         if day is not None:
-            through = self._course(names, found, channel, state)
+            soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
+            bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
+            kin = {name: item.kin for name, item in found.items()}
+            through = self.calendar.course(names, kin, frequency, channel, value[:, _LEVEL_DEG], bare, self.world)
             value = value + through.at_angles(day, THETA_DEG)
             sd = np.hypot(sd, on_day(through.sd_db, day))
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
@@ -213,14 +216,6 @@ class Sigma0Table:
             ),
             course=through,
         )
-
-    def _course(self, names: tuple[str, ...], found: Mapping[str, _Found], channel: str, state: _State) -> Course:
-        """Course of categories through the year, as the table's world has it."""
-        soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
-        level = np.array([found[name].value_db[_LEVEL_DEG] for name in names])
-        bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
-        kin = {name: item.kin for name, item in found.items()}
-        return self.calendar.course(names, kin, state.frequency_ghz, channel, level, bare, self.world)
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))
