@@ -47,6 +47,7 @@ from seqrsm.report.pdf import render_pdf
 from seqrsm.report.rounding import NOTHING
 from seqrsm.report.sections.compromise import _front_table, _paint_front
 from seqrsm.report.sections.data import question_section
+from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.wording import number_cell
 from seqrsm.spec.tables import ConsiderationSpec, SimulatorSpec, StopSpec
@@ -578,3 +579,16 @@ def test_no_alternative_text_names_a_setting_of_a_sensor_that_is_left_out(simula
     found = [text for text in texts if "best at" in text or "the optimum is at" in text]
     assert any("best at a set without it." in text for text in found)
     assert not [text for text in found if NOTHING in text or "GHz" in text]
+
+
+def test_the_history_tells_the_loss_of_each_look_that_has_one(simulated):
+    analysis, (first, *later) = simulated.analyses[0], simulated.looks
+    told = dataclasses.replace(first, summary={**first.summary, "expected_loss": 0.1234})
+    bare = [
+        dataclasses.replace(one, summary={k: v for k, v in one.summary.items() if k != "expected_loss"})
+        for one in later
+    ]
+    section = history_section(simulated.spec, (told, *bare), analysis, "x")
+    (looks,) = section.blocks[-1].blocks
+    place = [column.heading for column in looks.columns].index("Expected loss [percent]")
+    assert [row[place].text for row in looks.rows] == ["0.12", *("" for _ in bare)]

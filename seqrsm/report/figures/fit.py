@@ -117,6 +117,8 @@ class Look:
         Optimum of that look, natural units.
     held : bool
         Whether the stop rule held.
+    loss : float
+        Expected of that optimum, score units; nan in records of earlier versions.
     """
 
     n_runs: int
@@ -126,6 +128,7 @@ class Look:
     mean: float
     settings: Mapping[str, float | str]
     held: bool
+    loss: float
 
 
 def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:
@@ -142,10 +145,11 @@ def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, .
             best["confidence"]["high"],
             best["prediction"]["half_width"],
             best["mean"],
+            summary.get("expected_loss"),
         )
-        width, low, high, prediction, mean = (math.nan if number is None else number for number in found)
+        width, low, high, prediction, mean, loss = (math.nan if number is None else number for number in found)
         looks[record.after_run] = Look(
-            record.after_run, width, (low, high), prediction, mean, dict(best["settings"]), summary["held"]
+            record.after_run, width, (low, high), prediction, mean, dict(best["settings"]), summary["held"], loss
         )
     return tuple(looks[n] for n in sorted(looks))
 
