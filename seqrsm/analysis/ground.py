@@ -109,15 +109,15 @@ def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArra
     return float(ground.sd_ground / np.sqrt(np.mean(size)))
 
 
-def left_of_ground(scores: FloatArray, elsewhere: FloatArray, sd_ground: float) -> tuple[float, float]:
-    """Share of the variance between grounds that knowing some covers exactly would leave at least; its standard error.
+def left_of_ground(scores: FloatArray, elsewhere: FloatArray, variance: float) -> tuple[float, float]:
+    """Share of a ``variance`` between grounds that knowing some covers would leave at least; its standard error.
 
     ``scores`` and ``elsewhere`` (worlds,) of the same occasion of each world, so that chance is in both alike; in the
     latter these covers' own parts are as in another world: Jansen's estimate of their total effect (Saltelli et al.
     2010, Comput. Phys. Commun. 181, 259, table 2). Knowing them takes off no more, and less where the score rests on
     how they differ from others: covers are told apart by that.
     """
-    total = 0.5 * np.square(scores - elsewhere) / sd_ground**2
+    total = 0.5 * np.square(scores - elsewhere) / variance
     return max(1.0 - float(total.mean()), 0.0), float(total.std(ddof=1)) / math.sqrt(len(total))
 
 

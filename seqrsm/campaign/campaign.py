@@ -341,7 +341,8 @@ class Campaign:
 
         settings, cells, ground = analysis.optimum.settings, self.cells_of_ground(), analysis.optimum.ground
         sds, unit = mean_sds(self.spec, settings)
-        if ground is None or not analysis.optimum.of_ground > 0.0:  # nothing is told of it
+        variance = ground.share * ground.variance if ground and analysis.optimum.of_ground > 0.0 else 0.0
+        if not variance > 0.0:  # nothing is told of it
             return [], unit
 
         def scored(*covers: tuple[str, ...]) -> FloatArray:
@@ -351,7 +352,7 @@ class Campaign:
 
         def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:
             both = np.isfinite(here) & np.isfinite(there)
-            share, se = left_of_ground(here[both], there[both], ground.sd_ground)
+            share, se = left_of_ground(here[both], there[both], variance)
             return {"covers": own, "mean_sd": sds[own[0]], "left": round(share, 4), "se": round(se, 4)}
 
         here, *each = scored((), *((name,) for name in sds))

@@ -127,7 +127,7 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
         base.execute("delete from events where kind = ?", (RANKED,))
     base.close()
     (analysis,) = campaign.analyse_all()
-    ground = replace(analysis.optimum.ground, sd_ground=4.0)
+    ground = replace(analysis.optimum.ground, sd_ground=4.0, sd_chance=3.0, share=0.64)
     campaign.rank_values([replace(analysis, optimum=replace(analysis.optimum, ground=ground))])
     (event,) = campaign.store.events(kind=RANKED)
     told = {tuple(one["covers"]): one["left"] for one in event.detail["known"]}

@@ -138,7 +138,7 @@ def test_what_is_left_of_the_ground_and_its_error() -> None:
     assert np.sqrt(np.mean(np.square(sets[:, 1]))) == pytest.approx(sets[:, 0].std(), rel=0.15)
     one, again, other = rng.standard_normal((3, 200_000))
     assert left_of_ground(one * other, again * other, 1.0)[0] == pytest.approx(0.0, abs=0.02)
-    left, se = left_of_ground(2.0 * np.arange(3.0), np.arange(3.0), 2.0)  # 0, 1/8, 1/2 of it
+    left, se = left_of_ground(2.0 * np.arange(3.0), np.arange(3.0), 4.0)  # 0, 1/8, 1/2 of it
     assert left == pytest.approx(1.0 - 5.0 / 24.0)
     assert se == pytest.approx(np.std([0.0, 0.125, 0.5], ddof=1) / np.sqrt(3.0))
 
