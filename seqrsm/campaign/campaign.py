@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -344,10 +345,10 @@ class Campaign:
         variance = ground.share * ground.variance if ground and analysis.optimum.of_ground > 0.0 else 0.0
         if not variance > 0.0:  # nothing is told of it
             return [], unit
+        bundle = bundle_tasks(self.spec, settings, cells)[::OCCASIONS]  # one occasion of each world
 
         def scored(*covers: tuple[str, ...]) -> FloatArray:
-            bundles = [bundle_tasks(self.spec, settings, cells, elsewhere=own) for own in covers]
-            tasks = [task for bundle in bundles for task in bundle[::OCCASIONS]]  # one occasion of each world
+            tasks = [replace(task, elsewhere=own) for own in covers for task in bundle]
             return self.scores_of(tasks, analysis.application, workers, cluster).reshape(len(covers), -1)
 
         def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:

@@ -243,15 +243,13 @@ def bundle_tasks(
     cells: int = 0,
     worlds: Iterable[int] = range(N_WORLDS),
     key: Callable[[int], int] = lambda number: _BUNDLE + number,
-    elsewhere: tuple[str, ...] = (),
 ) -> list[SimulationTask]:
     """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order.
 
-    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds; ``elsewhere``: see
-    `SimulationTask`.
+    ``key`` makes ids that are no run's of numbers of worlds, and of occasions over all worlds.
     """
     return [
-        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w), elsewhere=elsewhere)
+        replace(task_of(spec, key(OCCASIONS * w + k), settings, cells=cells), world=key(w))
         for w in worlds
         for k in range(OCCASIONS)
     ]

@@ -391,7 +391,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms)
-        why = "3 per term" if needed == _RUNS_PER_TERM * n_terms else f"{_MIN_DF} degrees of freedom"
+        why = f"{_RUNS_PER_TERM} per term" if needed == _RUNS_PER_TERM * n_terms else f"{_MIN_DF} degrees of freedom"
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why})."
         checks.append(Check("runs", n_runs >= needed, text))
     if look.guess is not None:

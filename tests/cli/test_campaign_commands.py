@@ -161,7 +161,7 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
-    apart = bundle_tasks(spec, settings, elsewhere=("Wheat",))
+    apart = [replace(task, elsewhere=("Wheat",)) for task in bundle]
     assert [(task.world, task.run_id) for task in apart] == [(task.world, task.run_id) for task in bundle]
     looked = [t.scattering("psm").lookup(["Wheat", "Grass"], 3.0, "HH") for t in (apart[0], bundle[0])]
     assert looked[0].sigma0[1, 45] == looked[1].sigma0[1, 45]
