@@ -92,14 +92,16 @@ def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> N
     assert "estimated from 32 simulations in 16 draws of the tables" in page
 
 
-def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
-    """Also where they were ranked at others before."""
+@pytest.mark.parametrize("before", ["other settings", "an earlier version"])
+def test_covers_are_ranked_at_the_settings_that_are_recommended(copy, before: str) -> None:
+    """Also where they were ranked at others before, or without what knowing them would leave."""
     campaign = Campaign.open(copy)
     (last,) = campaign.store.events(kind=RANKED)
+    older = last.detail | {"settings": {}}
+    if before == "an earlier version":
+        older = {name: value for name, value in last.detail.items() if name != "known"}
     with sqlite3.connect(copy / "campaign.db") as base:
-        base.execute(
-            "update events set detail = ? where kind = ?", (json.dumps(last.detail | {"settings": {}}), RANKED)
-        )
+        base.execute("update events set detail = ? where kind = ?", (json.dumps(older), RANKED))
         base.commit()
         before = ""
         for event in campaign.store.events():  # else the change is told
