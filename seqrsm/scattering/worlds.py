@@ -9,7 +9,8 @@ over one ground meet the same world on different occasions. Departures are norma
   cover's own. Sites of C-band measurements share half of their variance over crops, the two L-band flights none.
 * channels: 0.85 between HH and VV, 0.75 between either and HV, as between the differences of the same sources; 1 at the
   nadir to 0.7 at grazing between H and V of emissivity.
-* bands: exp(-octaves / 1.75), 0.3 between L and C band (assumed).
+* bands: straight lines between draws two octaves apart, `drawn_by_frequency`: 0.3 between L and C band, 0.99 between
+  1.25 and 1.4 GHz (assumed).
 * angles: cos(2 (a - b)), so that 30 degrees apart half of a departure is left (assumed).
 * days: the course of a cover through the year departs by four harmonics of the year, which lose half of their
   correlation in some 45 days (assumed), less their mean over the days for which the level holds: there the course is
@@ -31,11 +32,7 @@ from seqrsm.rng import generator
 from seqrsm.scattering.readers import shipped_rows
 
 _ALL, _KIN = 0.25, 0.25
-_OCTAVES: Final = 1.75
-_LOWEST_GHZ: Final = 0.125
-_STEPS: Final = 6  # nodes of an octave
-_NODES: Final = 10 * _STEPS + 1
-_NEAR: Final = math.exp(-1.0 / (_STEPS * _OCTAVES))  # correlation of two nodes side by side
+_LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
 _COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH and VV have in common
 _EMISSIVITY_OWN: Final = 0.3
 _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
@@ -73,7 +70,7 @@ class World:
         category, kin : str
             The cover, and the class that it shares part of its departure with; "" for none.
         frequency_ghz : float
-            0.125 to 128 [GHz], held beyond.
+            Above 0 [GHz].
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
@@ -159,22 +156,33 @@ def _shared(
 @lru_cache(maxsize=256)  # covers share some of them
 def _drawn(seed: int, number: int, name: str, frequency_ghz: float, harmonic: int) -> FloatArray:
     """Standard normal (parts, 2) at a frequency, of a harmonic of the year or, with 0, by incidence angle."""
-    weights = _weights(frequency_ghz)
     name = f"season {harmonic} {name}" if harmonic else name
-    draws = generator(seed, number, f"world {name}").standard_normal((len(weights), 2 * len(_PARTS)))
-    return np.asarray((weights @ draws).reshape(-1, 2))
+    return drawn_by_frequency(seed, number, f"world {name}", (len(_PARTS), 2), frequency_ghz)
 
 
-@lru_cache(maxsize=64)
-def _weights(frequency_ghz: float) -> FloatArray:
-    """What each draw counts at a frequency: a chain over the nodes, and a straight line between two of them."""
-    node = min(max(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0), _NODES - 1.001)
-    lower, share = int(node), node % 1.0
-    steps = np.arange(lower + 2)
-    chain = np.tril(_NEAR ** np.abs(np.subtract.outer(steps, steps)))  # node by draw
-    chain[:, 1:] *= math.sqrt(1.0 - _NEAR**2)
-    size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
-    return np.asarray(((1.0 - share) * chain[lower] + share * chain[lower + 1]) / size)
+def drawn_by_frequency(
+    seed: int, number: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float
+) -> FloatArray:
+    """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
+
+    Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
+    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on which others are drawn.
+
+    Parameters
+    ----------
+    seed, number : int
+        Campaign, and run or world.
+    purpose : str
+        Name of the draws.
+    shape : tuple of int
+        Of the draws at one frequency.
+    frequency_ghz : float
+        Above 0 [GHz].
+    """
+    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
+    lower, share = math.floor(at), at % 1.0
+    here, above = (generator(seed, number, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
+    return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
 
 
 @lru_cache(maxsize=4096)

@@ -19,11 +19,17 @@ from scipy.special import ndtr
 from seqrsm.arrays import FloatArray
 from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
+from seqrsm.scattering.worlds import drawn_by_frequency
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.exchange import Sensor
 
-_LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
+OWN_OF_FIELDS: Final = 0.1
+"""Share of the variance between fields that no other frequency sees, however near (assumed).
+
+Without it two bands that see nearly the same fields would tell the least difference between covers by their own.
+"""
+
 _SLOW_SHARE, _SLOW_DAYS = 0.74, 30.0
 FAST_DAYS: Final = 4.5
 """In which the weather of a date falls to 1/e of itself [d]: what rain does to soil, and to plants (assumed)."""
@@ -67,17 +73,18 @@ ONCE: Final = Visit()
 """The only image of its run, in the middle of the season."""
 
 
-def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float) -> FloatArray:
-    """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
+def deviates(
+    seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float, own_share: float = 0.0
+) -> FloatArray:
+    """`drawn_by_frequency` of a run, with a share of the variance that each frequency has for its own.
 
-    Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
-    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run. Draws
-    that the channels and later dates of a run ask for again are `kept_deviates`.
+    Draws that the channels and later dates of a run ask for again are `kept_deviates`.
     """
-    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
-    lower, share = math.floor(at), at % 1.0
-    here, above = (generator(seed, run_id, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
-    return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
+    near = drawn_by_frequency(seed, run_id, purpose, shape, frequency_ghz)
+    if own_share == 0.0:
+        return near
+    own = generator(seed, run_id, f"{purpose} at {frequency_ghz} GHz").standard_normal(shape)
+    return np.asarray(math.sqrt(1.0 - own_share) * near + math.sqrt(own_share) * own)
 
 
 kept_deviates = cached_by_thread(maxsize=32)(deviates)
@@ -95,11 +102,12 @@ def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: Float
 def half_lasting(
     visit: Visit, purpose: str, shape: tuple[int, ...], frequency_ghz: float, *, seed: int, run_id: int
 ) -> FloatArray:
-    """`deviates` of a visit, half of whose variance all dates share (assumed)."""
-    own = deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz)
+    """`deviates` of fields on a visit, half of whose variance all dates share (assumed)."""
+    own = deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz, OWN_OF_FIELDS)
     if not visit.days:
         return own
-    return math.sqrt(0.5) * (own + kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
+    lasting = kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz, OWN_OF_FIELDS)
+    return math.sqrt(0.5) * (own + lasting)
 
 
 def regional_moisture(visit: Visit, places_m: FloatArray, length_m: float, *, seed: int, run_id: int) -> FloatArray:

@@ -56,6 +56,7 @@ SETTINGS = {  # frequency, polarization, days
     "C, quad, 1 date": ("C", QUAD, "184"),
     "L, quad, 1 date": ("L", QUAD, "184"),
     "C+L, quad, 1 date": ("C+L", QUAD, "184"),
+    "1.25 and 1.4 GHz, quad, 1 date": ("1.25+1.4", QUAD, "184"),
     "C, VV+VH, monthly": ("C", "VV+VH", "105+135+165+195+225"),
     "L, quad, monthly": ("L", QUAD, "105+135+165+195+225"),
     "C+L, monthly": ("C+L", "VV+VH", "105+135+165+195+225"),

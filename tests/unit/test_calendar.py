@@ -194,6 +194,14 @@ def test_bands_near_each_other_see_nearly_the_same_fields():
     assert low.std() == pytest.approx(1.0, abs=0.02)
 
 
+def test_a_tenth_of_fields_is_a_band_s_own():
+    """Where two bands see all but the same, what is left is that tenth: twice 0.1 of the variance, as two draws have."""
+    one, other, again = (half_lasting(Visit(), "texture", (40_000,), f, seed=1, run_id=2) for f in (5.4, 5.401, 5.4))
+    assert np.var(one - other) == pytest.approx(0.2, rel=0.03)
+    assert (one.std(), other.std()) == pytest.approx((1.0, 1.0), abs=0.02)
+    np.testing.assert_array_equal(one, again)
+
+
 def test_soil_moisture_of_days_is_uniform_and_remembers():
     days = (120.0, 123.0, 180.0)
     u = np.array([[moisture_share(Visit(days, t), seed=1, run_id=k) for t in range(3)] for k in range(1500)])

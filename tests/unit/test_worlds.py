@@ -30,13 +30,18 @@ def test_departures_are_standard_normal(frequency: float, channel: str, theta: i
 
 
 def test_departures_between_nodes_are_as_large_as_at_them() -> None:
-    """Without the correction for what two nodes share they would be 2.4 % smaller in the middle."""
-    octave = 2.0 ** (np.arange(1.0, 9.0, 1.0) + 0.5 / 6.0)
-    found = [World(7, k).departure("Wheat", "", 0.125 * f, "HH")[::30] for k in range(3000) for f in octave]
+    """Without the correction for what two nodes share they would be 29 % smaller in the middle."""
+    middle = 0.9 * 4.0 ** (np.arange(-1.0, 4.0) + 0.5)
+    found = [World(7, k).departure("Wheat", "", f, "HH")[::30] for k in range(3000) for f in middle]
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.0, abs=0.012)
 
 
 WHEAT = ("Wheat", "short_vegetation", 1.25, "HH", 40)
+AT = {f: np.log(f / 0.9) / np.log(4.0) for f in (1.25, 1.4, 5.0)}  # nodes stand at 0.9 GHz and every two octaves
+BETWEEN_L_AND_1_4_GHZ = ((1 - AT[1.25]) * (1 - AT[1.4]) + AT[1.25] * AT[1.4]) / (
+    np.hypot(1 - AT[1.25], AT[1.25]) * np.hypot(1 - AT[1.4], AT[1.4])
+)
+BETWEEN_L_AND_5_GHZ = AT[1.25] * (2 - AT[5.0]) / (np.hypot(1 - AT[1.25], AT[1.25]) * np.hypot(2 - AT[5.0], AT[5.0] - 1))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +52,8 @@ WHEAT = ("Wheat", "short_vegetation", 1.25, "HH", 40)
         (("Corn", "short_vegetation", 1.25, "HH", 40), 0.5),
         (("Grass", "grass", 1.25, "HH", 40), 0.25),
         (("Water", "", 1.25, "HH", 40), 0.25),
-        (("Wheat", "short_vegetation", 5.0, "HH", 40), np.exp(-2.0 / 1.75)),
+        (("Wheat", "short_vegetation", 1.4, "HH", 40), BETWEEN_L_AND_1_4_GHZ),
+        (("Wheat", "short_vegetation", 5.0, "HH", 40), BETWEEN_L_AND_5_GHZ),
         (("Wheat", "short_vegetation", 1.25, "HH", 10), 0.5),
     ],
 )

@@ -31,6 +31,7 @@ from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.visits import (
     FAST_DAYS,
+    OWN_OF_FIELDS,
     Visit,
     faded,
     field_moisture,
@@ -140,7 +141,7 @@ def draw_occasion(
         draw = _Draws(seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
         if visit.day is None or lookup.course is None:
             class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
-            deviation = lookup.field_sd_db[category] * draw("field backscatter", category.size)
+            deviation = lookup.field_sd_db[category] * draw("field backscatter", category.size, OWN_OF_FIELDS)
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
         field_offset[c] = np.where(known, deviation, 0.0)
@@ -159,10 +160,10 @@ class _Draws:
     channel: str
     shared: float
 
-    def __call__(self, purpose: str, n: int) -> FloatArray:
-        common, own = kept_deviates(
-            self.seed, self.run_id, purpose, (1 + len(POLARIZATIONS), n), self.frequency_ghz
-        )[[0, 1 + POLARIZATIONS.index(self.channel)]]  # fmt: skip
+    def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
+        shape = 1 + len(POLARIZATIONS), n
+        drawn = kept_deviates(self.seed, self.run_id, purpose, shape, self.frequency_ghz, own_share)
+        common, own = drawn[[0, 1 + POLARIZATIONS.index(self.channel)]]
         return np.asarray(math.sqrt(self.shared) * common + math.sqrt(1.0 - self.shared) * own)
 
 
@@ -177,16 +178,17 @@ def _dated(
     now = on_day(course.change_db, day)
     past = visit.days[: visit.number + 1]
 
-    def faded_to(purpose: str, size: int, memory_days: FloatArray) -> FloatArray:
-        return faded([draw(Visit(visit.days, t).dated(purpose), size) for t in range(len(past))], past, memory_days)
+    def faded_to(purpose: str, memory_days: FloatArray, own_share: float = 0.0) -> FloatArray:
+        dates = [Visit(visit.days, t).dated(purpose) for t in range(len(past))]
+        return faded([draw(date, memory_days.size, own_share) for date in dates], past, memory_days)
 
-    own = faded_to("date backscatter", n, np.full(n, FAST_DAYS))
-    common = faded_to("weather", 1, np.array([FAST_DAYS]))
+    own = faded_to("date backscatter", np.full(n, FAST_DAYS))
+    common = faded_to("weather", np.array([FAST_DAYS]))
     weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
-    lasts = draw("lasting backscatter", category.size)
-    fades = faded_to("field backscatter", category.size, course.memory_days[category])
+    lasts = draw("lasting backscatter", category.size, OWN_OF_FIELDS)
+    fades = faded_to("field backscatter", course.memory_days[category], OWN_OF_FIELDS)
     spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
