@@ -34,6 +34,7 @@ PRIOR_LOG_ODDS = 0.0
 
 _CERTAIN = 0.01  # a process less probable is left out
 _DRAWS, _TINY = 4000, 1e-300
+_PAIRS, _OF_SCATTER, _OF_LARGEST = 32, 0.5, 0.1  # of `Belief.acting_terms`
 _MOST_RUNS = 100  # drawn of a mean of future runs
 
 
@@ -211,6 +212,31 @@ class Belief:
             off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())
             of_mean += share * float(np.mean(variances) + np.var(means) + (1.0 - share) * off)
         return both, of_mean / both**2 if both else math.nan
+
+    def acting_terms(self) -> int:
+        """Terms of the quadratic in factors that matter, where another surface is likelier than it; 0 elsewhere.
+
+        A factor does not matter if its total effect, the standard deviation of the surface where it alone is drawn
+        anew (Jansen 1999, Comput. Phys. Commun. 117, 35-43), over all that the scores leave open, is less than half of
+        a run's scatter and less than a tenth of the largest.
+        """
+        process = self.departure.believed
+        if process is None or self.departure.probability <= 0.5:
+            return 0
+        at, anew = np.split(self.region.sample(2 * _PAIRS, generator(0, 0, "factors that matter")), 2)
+        moved = np.repeat(at[None], self.region.k, axis=0)
+        each = np.arange(self.region.k)
+        moved[each, :, each] = anew.T
+        means, covariances = process.some(FEW).joint(np.vstack([at, *moved]))
+        i = np.arange(_PAIRS)
+        j = _PAIRS * (1 + each[:, None]) + i
+        steps = np.square(means[:, j] - means[:, None, i])
+        steps += covariances[:, None, i, i] + covariances[:, j, j] - 2.0 * covariances[:, i, j]
+        effects = np.sqrt(0.5 * np.mean(steps, axis=(0, 2)))
+        scatter = math.sqrt(float(np.mean(process.noise_variance)))
+        matter = effects >= min(_OF_SCATTER * scatter, _OF_LARGEST * float(effects.max()))
+        names = {name for name, matters in zip(self.region.names, matter, strict=True) if matters}
+        return sum(names.issuperset(term.factors) for term in self.surface.model.terms)
 
     def sd_of_run(self, point: FloatArray, reach: float = 1.0) -> float:
         """Standard deviation of a future run at a coded point (k,) in score units, from so many to either side."""

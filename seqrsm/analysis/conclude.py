@@ -59,11 +59,12 @@ def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
 
 
 def as_found(rule: StopRule, fitted: Fitted, point: FloatArray) -> StopRule:
-    """The rule with what scores tell: whether a quadratic is likely, and what a new day brings at a coded point (k,).
+    """The rule with what scores tell: what a surface that is no quadratic asks, and what a day brings at a point (k,).
 
     That is common to future runs as a ground is.
     """
-    rule, belief = replace(rule, departed=fitted.departure.probability > 0.5), fitted.belief
+    belief = fitted.belief
+    rule = replace(rule, acting_terms=belief.acting_terms())
     if not belief.common_sd or rule.interval == "confidence":  # which is of the average block
         return rule
     return replace(rule, ground_share=(belief.common_sd / belief.scatter(point)[0]) ** 2, counts_ground=True)

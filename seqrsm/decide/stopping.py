@@ -30,7 +30,8 @@ _MIN_DF = 20
 
 So many has a quadratic in three factors at three runs a term. With four, five and six factors campaigns then end after
 37, 43 and 50 runs, in place of 45, 63 and 84, and intervals cover as before (`reports/peers`); with 14, 1 to 2 % less.
-Other surfaces need the three runs: of bells in six factors a third stopped away from the top."""
+Other surfaces need the three runs for terms in factors that matter: of bells in six factors a third stopped away from
+the top."""
 _MOST_FLIGHTS = 1000
 
 
@@ -71,8 +72,8 @@ class StopRule:
         in common, and no mean of them is without it.
     counts_ground : bool
         Whether the target is for the whole interval, or for its part by chance.
-    departed : bool
-        The surface is more likely none than a quadratic.
+    acting_terms : int
+        Terms of the model in the factors that matter, where the surface is more likely none than a quadratic; else 0.
     """
 
     interval: IntervalKind = "prediction"
@@ -85,7 +86,7 @@ class StopRule:
     alpha_lack_of_fit: float = 0.05
     ground_share: float = 0.0
     counts_ground: bool = True
-    departed: bool = False
+    acting_terms: int = 0
 
     @property
     def interval_name(self) -> str:
@@ -106,7 +107,8 @@ class StopRule:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
         if self.guard != "runs":
             return n_terms + 1
-        return _RUNS_PER_TERM * n_terms if self.departed else min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
+        enough = min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
+        return max(enough, _RUNS_PER_TERM * self.acting_terms)
 
     def width(
         self, s: ArrayLike, df_residual: ArrayLike, h: ArrayLike, interval: IntervalKind | None = None
@@ -391,7 +393,11 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms)
-        why = f"{_RUNS_PER_TERM} per term" if needed == _RUNS_PER_TERM * n_terms else f"{_MIN_DF} degrees of freedom"
+        why = f"{_MIN_DF} degrees of freedom"
+        if needed == _RUNS_PER_TERM * n_terms:
+            why = f"{_RUNS_PER_TERM} per term"
+        elif needed > n_terms + _MIN_DF:
+            why = f"{_RUNS_PER_TERM} for each of the {rule.acting_terms} terms in factors that matter"
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why})."
         checks.append(Check("runs", n_runs >= needed, text))
     if look.guess is not None:

@@ -70,6 +70,24 @@ def test_probability_is_that_of_bayes(narrow: Analysis) -> None:
     assert departure.reason == ""
 
 
+@pytest.mark.parametrize(("weak", "terms"), [(0.0, 6), (0.3, 6), (2.5, 10)])
+def test_runs_are_asked_for_terms_in_factors_that_matter(tmp_path: Path, weak: float, terms: int) -> None:
+    """A bell of 35 points over two of five factors, and a slope in a third, to be seen in a scatter of 1 or not."""
+    points = np.round(spread(60, 5), 3)
+    y = 50.0 + 35.0 * np.exp(-np.sum(points[:, :2] ** 2, axis=1) / 0.5) + weak * points[:, 2] + NOISE[:60]
+    found = analysed(tmp_path / "c", specification(numeric(5)), points, y)
+    assert found.fitted.departure.probability > 0.99
+    assert found.belief.acting_terms() == terms
+    assert believed(found, 0.4).acting_terms() == 0  # the quadratic is likelier
+
+
+def test_all_terms_count_where_all_factors_matter(tmp_path: Path) -> None:
+    points = np.round(spread(60, 5), 3)
+    y = 50.0 + 4.0 * np.sum(np.abs(points), axis=1) + NOISE[:60]
+    found = analysed(tmp_path / "c", specification(numeric(5)), points, y)
+    assert believed(found, 1.0).acting_terms() == 21
+
+
 def test_process_and_quadratic_have_even_odds_before_the_scores(tmp_path: Path) -> None:
     points = np.round(spread(30, 2), 3)
     y = 80.0 - 10.0 * np.sum((points - 0.2) ** 2, axis=1) + NOISE[:30]

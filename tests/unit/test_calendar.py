@@ -195,7 +195,7 @@ def test_bands_near_each_other_see_nearly_the_same_fields():
 
 
 def test_a_tenth_of_fields_is_a_band_s_own():
-    """Where two bands see all but the same, what is left is that tenth: twice 0.1 of the variance, as two draws have."""
+    """Where two bands see all but the same, that tenth is left: twice 0.1 of the variance."""
     one, other, again = (half_lasting(Visit(), "texture", (40_000,), f, seed=1, run_id=2) for f in (5.4, 5.401, 5.4))
     assert np.var(one - other) == pytest.approx(0.2, rel=0.03)
     assert (one.std(), other.std()) == pytest.approx((1.0, 1.0), abs=0.02)

@@ -14,7 +14,7 @@ from seqrsm.decide.stopping import Decision, Look, StopRule, decide, target_prob
 from seqrsm.fit.intervals import t_quantile
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
-DEPARTED = replace(RULE, departed=True)
+DEPARTED = replace(RULE, acting_terms=15)
 GOOD: dict[str, Any] = {
     "n_runs": 50,
     "n_terms": 15,
@@ -138,6 +138,11 @@ def test_runs_needed_respects_the_guard() -> None:
     assert look(DEPARTED, **few).runs_needed == 45
     assert "44 runs for 15 terms; 45 are required (3 per term)." in look(DEPARTED, n_runs=44).reasons
     assert look(DEPARTED, n_runs=45).held
+    some = replace(DEPARTED, acting_terms=13)
+    told = "38 runs for 15 terms; 39 are required (3 for each of the 13 terms in factors that matter)."
+    assert told in look(some, n_runs=38).reasons
+    assert look(some, n_runs=39).held
+    assert look(replace(DEPARTED, acting_terms=6), n_runs=35).held
     assert target_problem(replace(DEPARTED, max_runs=44), 2.0, 15).startswith("The stop rule needs at least 45 runs")
 
 
