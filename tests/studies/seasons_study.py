@@ -81,7 +81,12 @@ CONTRASTS: tuple[tuple[str, str, str, tuple[str, str], str], ...] = (  # publish
 )
 
 PAIRS = (("C, quad, 1 date", "L, quad, 1 date"), ("C, VV+VH, monthly", "L, quad, monthly"))
-FLIGHT = "flevoland_1991"
+POWERS, PHASE = ("hh_db", "hv_db", "vv_db"), ("cosine", "sine")
+FEATURES = {
+    "powers [%]": POWERS,
+    "and phase [%]": (*POWERS, *PHASE),
+    "and entropy, alpha [%]": (*POWERS, *PHASE, "entropy", "alpha_deg"),
+}
 SHIPPED, SURE = "nothing", "no uncertainty of the table in either band"
 MOST_SWITCHED = 60  # worlds
 
@@ -279,27 +284,31 @@ def rests_on(found: dict[str, list[dict[str, tuple[float, float]]]], worlds: int
         "",
         *WORDS,
         "",
-        by_powers_alone(),
+        *by_powers_and_phases(),
     ]
 
 
-def by_powers_alone() -> str:
-    """How well samples of the flight of 1991 are told apart, in Markdown."""
-    rows = pd.read_csv(ROOT / "tests" / "reference" / "data" / "flevoland_c_band.csv")
-    power = 10.0 * np.log10(rows[["c11", "c22", "c33"]].to_numpy())
-    of_table = {r.text("cover"): r.text("category") for r in shipped_rows("levels.csv") if r.text("source") == FLIGHT}
-    right = []
-    for name in (rows["class"], rows["class"].map(of_table)):
-        known, names = name.notna().to_numpy(), name.dropna().to_numpy()
-        law = LinearDiscriminantAnalysis(priors=np.full(len(set(names)), 1.0 / len(set(names))))
-        same = cross_val_predict(law, power[known], names, cv=LeaveOneOut()) == names
-        right.append(f"{100.0 * pd.Series(same).groupby(names).mean().mean():.0f}")
-    n, crops = len(rows), rows["class"].nunique()
-    return (
-        f"By their three powers alone (Gaussian, leaving one out) {right[0]} % of the {n} labelled samples of the\n"
-        f"flight of 1991 are named right, of {crops} crops in C band; {right[1]} % where crops are merged as in the\n"
-        "table. The published 90 % rest on phases, and on means over fields."
-    )
+def by_powers_and_phases() -> list[str]:
+    """How well samples of nine crops are told apart in either band without and with phases, in Markdown."""
+    data = ROOT / "tests" / "reference" / "data"
+    c = pd.read_csv(data / "flevoland_c_band.csv")
+    c = c.assign(**{f"{p}_db": 10.0 * np.log10(c[n]) for p, n in (("hh", "c11"), ("hv", "c22"), ("vv", "c33"))})
+    c["class"] = c["class"].replace({"winter wheat": "wheat", "beans": "stem beans", "sugar beet": "beet"})
+    low = pd.read_csv(data / "flevoland_l_band_windows.csv")
+    draws = [(f"L, {w} by {w} cells", [own for _, own in of.groupby("draw")]) for w, of in low.groupby("window_cells")]
+    rows = []
+    for name, sets in [("C", [c[c["class"].isin(set(low["class"]))]]), *draws]:
+        right = 100.0 * np.mean([[share_right(own, columns) for columns in FEATURES.values()] for own in sets], axis=0)
+        rows.append(f"| {name} | {len(sets[0])} | {' | '.join(f'{x:.0f}' for x in right)} |")
+    return [f"| samples | number | {' | '.join(FEATURES)} |", "|---|---|---|---|---|", *rows]
+
+
+def share_right(samples: pd.DataFrame, columns: tuple[str, ...]) -> float:
+    """Share of samples that a Gaussian law with a common covariance names right, each left out in turn."""
+    phase = np.deg2rad(samples["hh_vv_phase_deg"])
+    known = samples.assign(cosine=np.cos(phase), sine=np.sin(phase))[list(columns)]
+    law, names = LinearDiscriminantAnalysis(), samples["class"].to_numpy()
+    return float(np.mean(cross_val_predict(law, known, names, cv=LeaveOneOut()) == names))
 
 
 WORDS = [
@@ -317,9 +326,16 @@ WORDS = [
     "",
     "Within 50 by 80 km and ten days, crops and grass of western France differ by 2.0 to 2.9 dB in May and June and by",
     "0.5 to 1.2 dB in July and August (VV and VH, less what few cells leave open). Over the season L band gains by its",
-    "course, a water cloud over bare soil, of which 22 June to 19 July alone is measured. Not simulated are the phases",
-    "that fully polarimetric classifiers use, and errors that both bands share, such as a wrong label or two crops in",
-    "a field.",
+    "course, a water cloud over bare soil, of which 22 June to 19 July alone is measured. Errors that both bands",
+    "share, such as a wrong label or two crops in a field, are not simulated.",
+    "",
+    "The published scores of one date rest on phases, which the engines do not simulate. Flights over Flevoland",
+    "recorded nine crops in both bands, in C band on 15 June 1991, in L band in 1989. With phases, entropy and alpha",
+    "angle, samples of both bands are told apart equally well, as published. L-band windows that reach what C band",
+    "reaches so, 87 to 92 %, reach 75 to 81 % by their three powers alone, C band 63 %: by powers it is 12 to 18",
+    "points behind L band on these flights, and in simulations about as much. (Gaussian law with a common covariance,",
+    "each sample left out in turn; a share is known to 4 points. L-band windows lie at random in the labelled fields;",
+    "those of 5 by 5 cells scatter within a crop as the samples in C band do, 1.2 to 1.5 dB.)",
 ]
 
 
