@@ -138,11 +138,12 @@ def test_runs_needed_respects_the_guard() -> None:
     assert look(DEPARTED, **few).runs_needed == 45
     assert "44 runs for 15 terms; 45 are required (3 per term)." in look(DEPARTED, n_runs=44).reasons
     assert look(DEPARTED, n_runs=45).held
-    some = replace(DEPARTED, acting_terms=13)
-    told = "38 runs for 15 terms; 39 are required (3 for each of the 13 terms in factors that matter)."
-    assert told in look(some, n_runs=38).reasons
-    assert look(some, n_runs=39).held
-    assert look(replace(DEPARTED, acting_terms=6), n_runs=35).held
+    wide = {"n_terms": 28, "df_residual": 40}
+    told = "77 runs for 28 terms; 78 are required (3 for each of the 26 terms in factors that matter)."
+    assert told in look(replace(RULE, acting_terms=26), n_runs=77, **wide).reasons
+    told = "57 runs for 28 terms; 58 are required (30 degrees of freedom)."
+    assert told in look(replace(RULE, acting_terms=6), n_runs=57, **wide).reasons
+    assert look(replace(RULE, acting_terms=6), n_runs=58, **wide).held
     assert target_problem(replace(DEPARTED, max_runs=44), 2.0, 15).startswith("The stop rule needs at least 45 runs")
 
 
