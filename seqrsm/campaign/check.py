@@ -68,6 +68,8 @@ class CheckResult:
     n_factors, n_terms, start_runs, min_runs, max_runs : int
         Size of the model, of the start design, the fewest runs the stop rule asks for on the flight days so far, and
         the budget.
+    min_runs_departed : int
+        The same if the scores favour another surface than a quadratic, and all factors matter.
     further_days : int or None
         Flight days to come for whose constants the budget is enough; None where days are no constants.
     seconds_per_run : float
@@ -105,6 +107,7 @@ class CheckResult:
     n_terms: int
     start_runs: int
     min_runs: int
+    min_runs_departed: int
     further_days: int | None
     max_runs: int
     seconds_per_run: float
@@ -195,6 +198,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         n_terms=model.p,
         start_runs=start,
         min_runs=asked[0],
+        min_runs_departed=replace(rule, acting_terms=terms).min_runs(terms) if model.order == 2 else asked[0],
         further_days=sum(n <= rule.max_runs for n in asked[1:]) if constants else None,
         max_runs=rule.max_runs,
         seconds_per_run=seconds,

@@ -270,7 +270,7 @@ def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
 
 def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
     result = CheckResult(
-        "polder", 3, 27, 33, 28, 3, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "",
+        "polder", 3, 27, 33, 28, 81, 3, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "",
         ("Grass: assumed (assumed: me)",), ("Grass",), ("gaps at 4 of 6 settings",),
         ("gain against beam, margin 1.7: 23 dB",),
         (Plan("", 300, 27, 81, 5.25, 0.4), Plan("[model] order = 1", 300, 10, 30, 9.75, 3.1)),

@@ -18,6 +18,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
     least = str(result.min_runs)
+    if result.min_runs_departed > result.min_runs:
+        least += f", or up to {result.min_runs_departed} if scores favour another surface than a quadratic"
     if result.further_days is not None:
         least += f", and more for each further flight day; the budget is enough for {result.further_days} of these"
     items = [
