@@ -25,13 +25,13 @@ IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 Guard = Literal["runs", "confirmation"]
 
 _RUNS_PER_TERM = 3  # of the guard "runs"
-_MIN_DF, _MIN_DF_DEPARTED = 20, 30
-"""Residual degrees of freedom that do in place of that: while the quadratic is the likelier surface, and elsewhere.
+_MIN_DF = 20
+"""Residual degrees of freedom that do in place of that, with three runs for each term in factors that matter where
+another surface is likelier than the quadratic.
 
-Twenty has a quadratic in three factors at three runs a term. With four, five and six factors campaigns then end after
+So many has a quadratic in three factors at three runs a term. With four, five and six factors campaigns then end after
 37, 43 and 50 runs, in place of 45, 63 and 84, and intervals cover as before (`reports/peers`); with 14, 1 to 2 % less.
-Other surfaces with 20 cover 3 % less, and need the three runs for terms in factors that matter: of bells in six factors
-a third stopped away from the top."""
+Of bells in six factors that all matter a third stopped away from the top by degrees of freedom alone."""
 _MOST_FLIGHTS = 1000
 
 
@@ -107,13 +107,8 @@ class StopRule:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
         if self.guard != "runs":
             return n_terms + 1
-        enough = min(_RUNS_PER_TERM * n_terms, n_terms + self.min_df)
+        enough = min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
         return max(enough, _RUNS_PER_TERM * self.acting_terms)
-
-    @property
-    def min_df(self) -> int:
-        """Residual degrees of freedom that do in place of three runs a term."""
-        return _MIN_DF_DEPARTED if self.acting_terms else _MIN_DF
 
     def width(
         self, s: ArrayLike, df_residual: ArrayLike, h: ArrayLike, interval: IntervalKind | None = None
@@ -398,10 +393,10 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms)
-        why = f"{rule.min_df} degrees of freedom"
+        why = f"{_MIN_DF} degrees of freedom"
         if needed == _RUNS_PER_TERM * n_terms:
             why = f"{_RUNS_PER_TERM} per term"
-        elif needed > n_terms + rule.min_df:
+        elif needed > n_terms + _MIN_DF:
             why = f"{_RUNS_PER_TERM} for each of the {rule.acting_terms} terms in factors that matter"
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why})."
         checks.append(Check("runs", n_runs >= needed, text))

@@ -141,9 +141,9 @@ def test_runs_needed_respects_the_guard() -> None:
     wide = {"n_terms": 28, "df_residual": 40}
     told = "77 runs for 28 terms; 78 are required (3 for each of the 26 terms in factors that matter)."
     assert told in look(replace(RULE, acting_terms=26), n_runs=77, **wide).reasons
-    told = "57 runs for 28 terms; 58 are required (30 degrees of freedom)."
-    assert told in look(replace(RULE, acting_terms=6), n_runs=57, **wide).reasons
-    assert look(replace(RULE, acting_terms=6), n_runs=58, **wide).held
+    told = "47 runs for 28 terms; 48 are required (20 degrees of freedom)."
+    assert told in look(replace(RULE, acting_terms=6), n_runs=47, **wide).reasons
+    assert look(replace(RULE, acting_terms=6), n_runs=48, **wide).held
     assert target_problem(replace(DEPARTED, max_runs=44), 2.0, 15).startswith("The stop rule needs at least 45 runs")
 
 
