@@ -124,13 +124,10 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
+    looked = draws
     if spec.stop_of(application.name).loss is not None and (sampler, n_draws) != ("exact", LOOK_DRAWS):
         looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
-        as_looked = summarise_posterior(spec, fitted, belief, estimate, looked, taken_off)
-        posterior = replace(
-            posterior, expected_regret=as_looked.expected_regret, p_regret_above=as_looked.p_regret_above
-        )
+    posterior = summarise_posterior(spec, fitted, estimate, draws, looked, taken_off)
     loss = posterior.expected_regret
     decision = _decision(spec, application, fitted, belief, estimate, loss, alone, agreement, known_map)
     stationary = _stationary(fitted, of_quadratic)

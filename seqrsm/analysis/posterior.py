@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, intervals_by_draws
+from seqrsm.analysis.belief import intervals_by_draws
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
@@ -105,11 +105,11 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
 
 
 def summarise_posterior(
-    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws, taken_off: float
+    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws, looked: Draws, taken_off: float
 ) -> PosteriorSummary:
     """Posterior of the optimum: the exact optimum for every draw of the coefficients, and optima of the process.
 
-    ``taken_off`` the predictive interval is what `optimism` found.
+    ``looked``: draws by which the loss is told. ``taken_off`` the predictive interval is what `optimism` found.
 
     Returns
     -------
@@ -117,24 +117,17 @@ def summarise_posterior(
         Location and value of the optimum, predictive interval at the recommended settings, and what acting on the
         recommendation may lose.
     """
-    scale, model = fitted.scale, fitted.model
-    n = min(len(draws.terms), _MOST_OPTIMA)
-    of_process = round(n * fitted.departure.probability)
-    terms = draws.terms[: n - of_process]
-    points, values = optimum_draws(model, fitted.region, terms, belief.goal)
-    here = terms @ fitted.surface.rows(estimate.point[None, :])[0]
-    if of_process:
-        own = belief.optima(estimate.point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
-        points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
+    scale, point = fitted.scale, estimate.point
+    points, best_scores, regret = _optima(spec, fitted, point, draws)
+    if looked is not draws:
+        *_, regret = _optima(spec, fitted, point, looked)
     low, high = fitted.application.score_limits
-    best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
-    regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
     epsilon = 0.25 * spec.stop_of(fitted.application.name).half_width
     level, prior = spec.stop.level, fitted.application.prior
     tail = 0.5 * (1.0 - level)
     stated = {} if draws.bounds is None or prior is None else prior.effect
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, level, (1.0,), taken_off, draws, rng)
+    _, (_, predictive) = intervals_by_draws(fitted.belief, scale, point, level, (1.0,), taken_off, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
@@ -147,9 +140,26 @@ def summarise_posterior(
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,
-        effects=tuple(EffectBound(f.name, *stated[f.name]) for f in model.factors if f.name in stated),
+        effects=tuple(EffectBound(f.name, *stated[f.name]) for f in spec.factors if f.name in stated),
         effects_probability=float("nan") if draws.share is None else draws.share,
     )
+
+
+def _optima(
+    spec: CampaignSpec, fitted: Fitted, point: FloatArray, draws: Draws
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Optimum of each draw, coded (m, k); its score (m,), and how much of that a coded ``point`` (k,) loses (m,)."""
+    belief, n = fitted.belief, min(len(draws.terms), _MOST_OPTIMA)
+    of_process = round(n * fitted.departure.probability)
+    terms = draws.terms[: n - of_process]
+    points, values = optimum_draws(fitted.model, fitted.region, terms, belief.goal)
+    here = terms @ fitted.surface.rows(point[None, :])[0]
+    if of_process:
+        own = belief.optima(point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
+        points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
+    limits = fitted.application.score_limits
+    best_scores, here_scores = (np.clip(fitted.scale.to_score(found), *limits) for found in (values, here))
+    return points, best_scores, np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
 
 
 def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:

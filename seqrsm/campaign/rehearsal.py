@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from seqrsm.analysis.conclude import analyse, stop_rule
+from seqrsm.analysis.conclude import LOOK_DRAWS, analyse, stop_rule
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
@@ -31,7 +31,6 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore, RunRecord, ScoreRecord
 
 _PLACES = 2000
-_DRAWS = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +185,7 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
         counted = [round(one * trials / 100.0) for one in scores]
         return [NewScore(name, 100.0 * n / trials, n=trials, correct=n, metadata=of_guess) for n in counted]
 
-    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
+    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=LOOK_DRAWS, ground=known.fitted.ground)
     best = analysis.optimum
     at = best.point[None, :]
     mean, sd = truth.mean(at), np.hypot(truth.sd(at), truth.of_day)
