@@ -109,7 +109,7 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, target_l
         found.append(f"{'Or' if found else 'Set'} max_runs = {enough.runs} ({told(enough)}).")
     if found:
         return " ".join(found)
-    widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]
+    widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= max(plan.asked, budget)]
     if not widths:
         return "Raise max_runs, or use fewer factors or levels."
     narrow = max(_AS_NARROW * min(plan.half_width for plan in widths), target)

@@ -58,76 +58,102 @@ _RUN_SD = "s.d. of a run"  # unit of half-widths where nothing is known yet of t
 _TOLD_SHARE = 0.05  # of the variance: less is not why a target is out of reach
 
 
-@dataclass(frozen=True, slots=True)
-class CheckResult:
-    """What `check_campaign` found; all is in order, else it would have raised.
+@dataclass(frozen=True)
+class Judged:
+    """What runs can give of one application, and whether its targets are in reach.
 
     Attributes
     ----------
-    name : str
-    n_factors, n_terms, start_runs, min_runs, max_runs : int
-        Size of the model, of the start design, the fewest runs the stop rule asks for on the flight days so far, and
-        the budget.
-    min_runs_departed : int
-        The same if the scores favour another surface than a quadratic, and all factors matter.
-    further_days : int or None
-        Flight days to come for whose constants the budget is enough; None where days are no constants.
-    seconds_per_run : float
-        Measured on this machine [s]; nan without a simulator.
+    application : str
+        Its name.
     noise : float
-        Standard deviation among the probes, score units; nan without a simulator.
+        Standard deviation of a run, score units; nan where it is not known yet.
     ground_share : float
         Share of its variance that is one ground against another; 0 without a simulator.
     noise_source : str
         Where ``noise`` comes from.
-    cost, cost_unit : float, str
-        Of the whole budget, see `seqrsm.spec.tables.CostSpec`.
+    min_runs : int
+        The fewest runs the stop rule asks for on the flight days so far.
+    min_runs_departed : int
+        The same if the scores favour another surface than a quadratic, and all factors matter.
+    further_days : int or None
+        Flight days to come for whose constants the budget is enough; None where days are no constants.
     target_problem : str
         Why the stop target may be out of reach; empty if it is not.
-    notes, covers : tuple of str
-        What the simulation rests on, and the cover categories of its scene.
-    combinations : tuple of str
-        What combinations of the parameters do, such as gaps between the lines of a scan, and where.
     plans, over : tuple of Plan
         What the budget can give in different ways, and what other numbers of runs give, see `seqrsm.campaign.budget`.
     surfaces : str
         From what surfaces ``plans`` and ``over`` were found.
     target, unit : float, str
-        ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit.
+        Target half-width, nan where half-widths are told in standard deviations of a run; their unit.
     target_loss : float
-        ``[stop] loss`` in that unit, nan without a limit and where ``target`` is.
+        Limit of the expected loss in that unit, nan without one and where ``target`` is.
     refused : str
         Why the target cannot be reached, and what could; empty if it may.
-    hardware : tuple of str
-        Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before.
     """
 
-    name: str
-    n_factors: int
-    n_terms: int
-    start_runs: int
-    min_runs: int
-    min_runs_departed: int
-    further_days: int | None
-    max_runs: int
-    seconds_per_run: float
+    application: str
     noise: float
     ground_share: float
     noise_source: str
-    cost: float
+    min_runs: int
+    min_runs_departed: int
+    further_days: int | None
     target_problem: str
-    notes: tuple[str, ...]
-    covers: tuple[str, ...] = ()
-    combinations: tuple[str, ...] = ()
-    hardware: tuple[str, ...] = ()
     plans: tuple[Plan, ...] = ()
     over: tuple[Plan, ...] = ()
     surfaces: str = ""
     target: float = float("nan")
     unit: str = ""
     refused: str = ""
-    cost_unit: str = ""
     target_loss: float = float("nan")
+
+    @property
+    def away(self) -> tuple[bool, bool, float]:
+        """How far it is from its targets: the more, the later in order."""
+        of = ((self.plans[0].half_width, self.target), (self.plans[0].loss, self.target_loss))
+        return bool(self.refused), bool(self.target_problem), max(np.nan_to_num(x / y, nan=-1.0) for x, y in of)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckResult(Judged):
+    """What `check_campaign` found; all is in order, else it would have raised.
+
+    Of several applications it is itself the one that is the farthest from its targets.
+
+    Attributes
+    ----------
+    name : str
+        Of the campaign.
+    n_factors, n_terms, start_runs, max_runs : int
+        Size of the model, of the start design, and the budget.
+    seconds_per_run : float
+        Measured on this machine [s]; nan without a simulator.
+    cost, cost_unit : float, str
+        Of the whole budget, see `seqrsm.spec.tables.CostSpec`.
+    notes, covers : tuple of str
+        What the simulation rests on, and the cover categories of its scene.
+    combinations : tuple of str
+        What combinations of the parameters do, such as gaps between the lines of a scan, and where.
+    hardware : tuple of str
+        Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before.
+    others : tuple of Judged
+        The other applications, the farthest first.
+    """
+
+    name: str
+    n_factors: int
+    n_terms: int
+    start_runs: int
+    max_runs: int
+    seconds_per_run: float
+    cost: float
+    cost_unit: str
+    notes: tuple[str, ...]
+    covers: tuple[str, ...] = ()
+    combinations: tuple[str, ...] = ()
+    hardware: tuple[str, ...] = ()
+    others: tuple[Judged, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -157,17 +183,46 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     if spec.simulator is not None:
         found, seconds, notes = _probe(spec, progress)
         covers = scene_at(str(spec.scene_path)).categories
-    found = [_so_far_or(one, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)]
-    rules = [
-        _rule_of(spec, a, one.share, analyses.get(a.name)) for one, a in zip(found, spec.applications, strict=True)
+    start, no_start = None, ""
+    try:
+        start = start_size(model, spec)
+    except SpecError as error:
+        no_start = error.problems[0].message + "."
+    judged = [
+        _judged(spec, model, application, scatter, analyses.get(application.name), no_start)
+        for application, scatter in zip(spec.applications, found, strict=True)
     ]
-    floors = [r.noise_floor(one.noise) / r.half_width for r, one in zip(rules, found, strict=True)]
-    own = int(np.argmax(np.nan_to_num(floors, nan=-1.0)))
-    application, rule, (noise, share, df, source, *_) = spec.applications[own], rules[own], found[own]
-    analysis = analyses.get(application.name)
-    if len(spec.applications) > 1 and np.isfinite(noise):
-        source += f"; of {application.name}, the farthest from its target"
-    surfaces = _surfaces(spec, application, found[own], analysis)
+    own, *others = sorted(judged, key=lambda one: one.away, reverse=True)
+    return CheckResult(
+        **vars(own),
+        name=spec.name,
+        n_factors=spec.region.k,
+        n_terms=model.p,
+        start_runs=own.min_runs if start is None else start,
+        max_runs=spec.stop.max_runs,
+        seconds_per_run=seconds,
+        cost=spec.stop.max_runs * spec.cost.of(spec.own_source),
+        cost_unit=spec.cost.told_unit,
+        notes=notes,
+        covers=covers,
+        combinations=combinations,
+        hardware=_hardware(spec, [one.optimum.settings for one in analyses.values()]),
+        others=tuple(others),
+    )
+
+
+def _judged(
+    spec: CampaignSpec,
+    model: QuadraticModel,
+    application: ApplicationSpec,
+    simulated: _Scatter,
+    analysis: Analysis | None,
+    no_start: str,
+) -> Judged:
+    """One application; ``no_start`` says why there can be no start design."""
+    found = _so_far_or(simulated, analysis)
+    rule, (noise, share, df, source, *_) = _rule_of(spec, application, found.share, analysis), found
+    surfaces = _surfaces(spec, application, found, analysis)
     unit = application.score_unit
     terms = model.p if analysis is None else analysis.fitted.surface.n_terms
     constants = spec.model.block is not None and spec.model.block_effect == "fixed" and spec.own_source == "flight"
@@ -181,37 +236,25 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
     plans, over = budget.plans(spec.stop.confirmation_runs)
-    refused = problem or hopeless if hopeless else ""
-    try:
-        start = start_size(model, spec)
-    except SpecError as error:
-        start, refused = plans[0].asked, error.problems[0].message + "."
+    refused = no_start or (problem or hopeless if hopeless else "")
     in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
     target_loss = rule.loss if in_units and math.isfinite(rule.loss) else float("nan")
+    if not problem and not plans[0].reaches(target, target_loss):
+        problem = f"{rule.max_runs} runs are not expected to reach the targets."
     if refused or problem:
         out = way_out(plans, over, target, target_loss, unit)
-        refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
-    return CheckResult(
-        name=spec.name,
-        n_factors=spec.region.k,
-        n_terms=model.p,
-        start_runs=start,
-        min_runs=asked[0],
-        min_runs_departed=replace(rule, acting_terms=terms).min_runs(terms) if model.order == 2 else asked[0],
-        further_days=sum(n <= rule.max_runs for n in asked[1:]) if constants else None,
-        max_runs=rule.max_runs,
-        seconds_per_run=seconds,
+        of = f"{application.name}: " if len(spec.applications) > 1 else ""
+        refused, problem = (f"{of}{text} {out}" if text else "" for text in (refused, problem))
+    return Judged(
+        application=application.name,
         noise=noise,
         ground_share=share,
         noise_source=source,
-        cost=rule.max_runs * spec.cost.of(spec.own_source),
-        cost_unit=spec.cost.told_unit,
+        min_runs=asked[0],
+        min_runs_departed=replace(rule, acting_terms=terms).min_runs(terms) if spec.model.order == 2 else asked[0],
+        further_days=sum(n <= rule.max_runs for n in asked[1:]) if constants else None,
         target_problem=problem,
-        notes=notes,
-        covers=covers,
-        combinations=combinations,
-        hardware=_hardware(spec, [one.optimum.settings for one in analyses.values()]),
         plans=plans,
         over=over,
         surfaces=surfaces.source,
@@ -223,31 +266,33 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 
 
 def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
-    """Widen the stop target of a new simulated campaign, where it is out of reach, to what its budget reaches.
+    """Widen the stop targets of a new simulated campaign, where they are out of reach, to what its budget reaches.
 
-    Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written. Returns the reason, and
-    what else could be done; "" where nothing is changed. ``progress`` and errors are those of `check_campaign`.
+    Its ``campaign.toml`` has lines ``half_width = NUMBER`` and ``loss = NUMBER``, over which the reason is written.
+    Returns the reasons; "" where nothing is changed. ``progress`` and errors are those of `check_campaign`.
     """
     result = check_campaign(folder, progress)
-    if not result.target_problem and result.plans[0].reaches(result.target, math.nan):
-        return ""
-    expected = result.plans[0].half_width
-    reason = (
-        f"{amount(result.target, result.unit)} is out of reach: {result.max_runs} runs are expected to give "
-        f"{expected:.4g}"
-    )
-    if result.ground_share >= _TOLD_SHARE:
-        reason += (
-            f"; {100.0 * result.ground_share:.0f} % of a run's variance is table uncertainty, which flights "
-            'reduce and simulations do not ([stop] worlds = "ignore" excludes it)'
-        )
-    unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
-    target = f"half_width = {unit * math.ceil(_ROOM * expected / unit):.10g}"
-    lines = [*(f"# {line}" for line in textwrap.wrap(reason, 110)), target]
-    path = folder / SPEC_NAME
-    text = re.sub(r"(?m)^half_width = \S+", lambda _: "\n".join(lines), path.read_text(encoding="utf-8"))
+    path, reasons = folder / SPEC_NAME, []
+    text = path.read_text(encoding="utf-8")
+    for key, target in (("half_width", "target"), ("loss", "target_loss")):
+        one = max((result, *result.others), key=lambda one: float(getattr(one.plans[0], key)))
+        expected, allowed = getattr(one.plans[0], key), getattr(one, target)
+        if not expected > allowed:
+            continue
+        reason = f"{key} {amount(allowed, one.unit)} is out of reach: {result.max_runs} runs are expected to give "
+        reason += amount(expected, "", allowed)
+        if key == "half_width" and one.ground_share >= _TOLD_SHARE:
+            reason += (
+                f"; {100.0 * one.ground_share:.0f} % of a run's variance is table uncertainty, which flights "
+                'reduce and simulations do not ([stop] worlds = "ignore" excludes it)'
+            )
+        unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
+        lines = [f"# {line}" for line in textwrap.wrap(reason, 110)]
+        lines.append(f"{key} = {unit * math.ceil(_ROOM * expected / unit):.10g}")
+        text = re.sub(rf"(?m)^{key} = \S+", "\n".join(lines), text)
+        reasons.append(reason)
     path.write_text(text, encoding="utf-8")
-    return reason
+    return "; ".join(reasons)
 
 
 def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str]]) -> tuple[str, ...]:
@@ -386,7 +431,7 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
         if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:
             yield (
                 f"radars at {low:g} and {high:g} GHz are {octaves:.2g} octave apart: how differently two near bands "
-                "see a cover is assumed, and with it the gain of the second"
+                "see a cover is assumed, and the gain of the second is likely too large"
             )
 
 

@@ -34,7 +34,7 @@ from seqrsm.cli.console import (
 )
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
-from seqrsm.errors import SpecError, UserError
+from seqrsm.errors import Problem, SpecError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -203,12 +203,13 @@ def check(
     else:
         show_sections(check_sections(result, every_note=verbose))
         line()
-    if result.refused:
-        raise SpecError(result.refused, file=str(folder / "campaign.toml"), field="[stop]")
+    judged, file = (result, *result.others), str(folder / "campaign.toml")
+    if refused := [Problem(one.refused, file=file, field="[stop]") for one in judged if one.refused]:
+        raise SpecError(*refused)
     if not as_json:
-        if result.target_problem:
-            line(f"Warning: {result.target_problem}")
-        else:
+        for problem in (problems := [one.target_problem for one in judged if one.target_problem]):
+            line(f"Warning: {problem}")
+        if not problems:
             line("See the notes on the region and the scene." if result.combinations else "No problems found.")
 
 

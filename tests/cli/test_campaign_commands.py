@@ -480,7 +480,7 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     assert "this radar cannot be built, gain against beam" in (copy / "after.html").read_text(encoding="utf-8")
 
 
-def test_check_of_several_applications_is_of_the_one_farthest_from_the_target(tmp_path, tiny_scene) -> None:
+def test_check_begins_with_the_application_farthest_from_its_targets(tmp_path, tiny_scene) -> None:
     """Not the noise of one with the unit and the spread of another; and by more worlds than a few."""
     two = TINY.replace('levels = ["HH", "HH+HV"]', 'levels = ["HH", "VV"]').replace(
         "[simulator]",
@@ -492,8 +492,10 @@ def test_check_of_several_applications_is_of_the_one_farthest_from_the_target(tm
     wild += "    return 1e4 * float(np.random.default_rng((seed, run_id)).normal())\n"
     (folder / "mine.py").write_text(wild, encoding="utf-8")
     found = json.loads(seqrsm("check", folder, "--json").stdout)
-    assert found["unit"] == "dB"
-    told = "simulations at 16 settings of the region, 16 degrees of freedom; of wild, the farthest from its target"
-    assert found["noise_source"] == told
+    (other,) = found["others"]
+    assert (found["application"], found["unit"]) == ("wild", "dB")
+    assert (other["application"], other["unit"], other["target_problem"]) == ("cover", "percent", "")
+    for one in (found, other):
+        assert one["noise_source"] == "simulations at 16 settings of the region, 16 degrees of freedom"
     assert 4e3 < found["noise"] < 2e4
     assert found["plans"][0]["half_width"] > 1e3

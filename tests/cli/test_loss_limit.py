@@ -124,3 +124,27 @@ def test_a_limit_that_is_missed_by_little_is_told_with_the_digits_that_show_it(c
         place = text.index(f"at most {limit:g} percent")
         assert f"{limit:g} percent" not in text[place - 40 : place]
     assert f"too small for an expected loss of {0.001:g} percent" in seqrsm("status", limited(campaign, 0.001))
+
+
+KNOWN = "[application.prior]\nutility = [{}]\nrepeat_sd = {}\n"
+
+
+def test_check_judges_the_targets_of_each_application(tmp_path: Path) -> None:
+    """Told was that whose half-width is the farthest off; the other's limit of the loss was said to be no problem."""
+    cover, moisture = KNOWN.format("50, 90", 3.0), KNOWN.format("0.03, 0.1", 0.004)
+    two = TWO.replace("LIMIT\n", f"1.0\n{cover}").replace("0.03\n", f"0.03\nloss = 1e-5\n{moisture}")
+    toml = tmp_path / "campaign.toml"
+    toml.write_text(HEAD + X + FREQUENCY + two, encoding="utf-8")
+    told = seqrsm("check", tmp_path)
+    assert "Warning: moisture: 30 runs are not expected to reach the targets." in told
+    assert "No problems found" not in told
+    assert "What the budget can achieve, cover" in told
+    found = json.loads(seqrsm("check", tmp_path, "--json"))
+    (cover_found,) = found["others"]
+    assert (found["application"], found["target"], found["target_loss"]) == ("moisture", 0.03, 1e-5)
+    assert (cover_found["application"], cover_found["target"], cover_found["target_loss"]) == ("cover", 8.0, 1.0)
+    assert cover_found["target_problem"] == ""
+    toml.write_text(toml.read_text("utf-8").replace("loss = 1e-5", "loss = 0.01"), "utf-8")
+    assert "No problems found." in seqrsm("check", tmp_path)
+    toml.write_text(toml.read_text("utf-8").replace("loss = 1.0", "loss = 0.001"), "utf-8")
+    assert "Warning: cover: 30 runs are not expected to reach the targets." in seqrsm("check", tmp_path)

@@ -28,7 +28,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import term_test
 from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.check import CheckResult
+from seqrsm.campaign.check import CheckResult, Judged
 from seqrsm.campaign.dossier import assemble
 from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.cli.app import app
@@ -268,14 +268,19 @@ def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
     in_all_faces(without_pictures((Section("s", "S", blocks),)), capsys)
 
 
+_PLANS = (
+    (Plan("", 300, 27, 81, 5.25, 0.4), Plan("[model] order = 1", 300, 10, 30, 9.75, 3.1)),
+    (Plan("", 28, 27, 81, math.nan, math.nan), Plan("[model] order = 1", 28, 10, 30, 14.25, 3.25)),
+)
+
+
 def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
+    other = Judged("crops", 3.604, 0.6, "simulations", 28, 81, 3, "", *_PLANS, "random quadratics", 6.0, "percent")
     result = CheckResult(
-        "polder", 3, 27, 33, 28, 81, 3, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "",
-        ("Grass: assumed (assumed: me)",), ("Grass",), ("gaps at 4 of 6 settings",),
-        ("gain against beam, margin 1.7: 23 dB",),
-        (Plan("", 300, 27, 81, 5.25, 0.4), Plan("[model] order = 1", 300, 10, 30, 9.75, 3.1)),
-        (Plan("", 28, 27, 81, math.nan, math.nan), Plan("[model] order = 1", 28, 10, 30, 14.25, 3.25)),
-        "random quadratics", 6.0, "percent",
+        **vars(dataclasses.replace(other, application="soil", noise=4.207, ground_share=0.7, noise_source="residuals")),
+        name="polder", n_factors=3, n_terms=27, start_runs=33, max_runs=300, seconds_per_run=0.0441, cost=301.5,
+        cost_unit="", notes=("Grass: assumed (assumed: me)",), covers=("Grass",),
+        combinations=("gaps at 4 of 6 settings",), hardware=("gain against beam, margin 1.7: 23 dB",), others=(other,),
     )  # fmt: skip
     rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}
     tests = [term_test(studied.analyses[0], "look_angle")]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from seqrsm.campaign.budget import Plan
-from seqrsm.campaign.check import CheckResult
+from seqrsm.campaign.check import CheckResult, Judged
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_against, format_plain, format_significant
 from seqrsm.report.sections.sources import group_notes
@@ -17,11 +17,13 @@ from seqrsm.report.wording import with_unit
 def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, ...]:
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
-    least = str(result.min_runs)
-    if result.min_runs_departed > result.min_runs:
-        least += f", or up to {result.min_runs_departed} if scores favour another surface than a quadratic"
+    judged = (result, *result.others)
+    least, most = (str(max(own)) for own in zip(*((j.min_runs, j.min_runs_departed) for j in judged), strict=True))
+    if most != least:
+        least += f", or up to {most} if scores favour another surface than a quadratic"
     if result.further_days is not None:
-        least += f", and more for each further flight day; the budget is enough for {result.further_days} of these"
+        enough = min(one.further_days or 0 for one in judged)
+        least += f", and more for each further flight day; the budget is enough for {enough} of these"
     items = [
         ("factors", str(result.n_factors)),
         ("model terms", str(result.n_terms)),
@@ -32,15 +34,17 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     if math.isfinite(result.seconds_per_run):
         each, total = format_significant(result.seconds_per_run, 2), result.seconds_per_run * result.max_runs
         items.append(("simulation time here", f"{each} s a run; {_duration(total)} for the budget"))
-    known = math.isfinite(result.noise)
-    scatter = with_unit(format_significant(result.noise), result.unit) if known else result.noise_source
-    items.append(("run-to-run standard deviation", scatter))
-    if result.ground_share > 0.0:
-        items.append(("variance from table uncertainty", f"{format_significant(100.0 * result.ground_share, 2)} %"))
-    if known:
-        items.append(("estimated from", result.noise_source))
+    of = {one.application: f", {one.application}" if result.others else "" for one in judged}
+    for one in judged:
+        known = math.isfinite(one.noise)
+        scatter = with_unit(format_significant(one.noise), one.unit) if known else one.noise_source
+        items.append((f"run-to-run standard deviation{of[one.application]}", scatter))
+        if one.ground_share > 0.0:
+            items.append(("variance from table uncertainty", f"{format_significant(100.0 * one.ground_share, 2)} %"))
+        if known:
+            items.append(("estimated from", one.noise_source))
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
-    sections += _budget_sections(result)
+    sections += [section for one in judged for section in _budget_sections(one, of[one.application])]
     if result.combinations:
         sections.append(Section("combinations", "Notes on the region and the scene", (Bullets(result.combinations),)))
     if result.hardware:
@@ -54,8 +58,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     return tuple(sections)
 
 
-def _budget_sections(result: CheckResult) -> list[Section]:
-    """What the budget can give, in different ways, and what other numbers of runs give."""
+def _budget_sections(result: Judged, of: str) -> list[Section]:
+    """What the budget can give, in different ways, and what other numbers of runs give; ``of`` which application."""
     if not result.plans:
         return []
     known = math.isfinite(result.target)
@@ -75,7 +79,7 @@ def _budget_sections(result: CheckResult) -> list[Section]:
     limit = f", loss {format_plain(result.target_loss)}" if math.isfinite(result.target_loss) else ""
     reach = f"\u00b1 {format_plain(result.target)}{limit}?" if known else "Enough runs?"
     ways = table(
-        f"Expected results of {result.max_runs} runs",
+        f"Expected results of {result.plans[0].runs} runs",
         ("Model", right("Terms"), *columns, reach),
         [(plan.change or "as in campaign.toml", str(plan.n_terms), *numbers(plan)) for plan in result.plans],
     )
@@ -95,7 +99,7 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         f"expected loss: mean shortfall of the settings found from the best in the region.{not_known} These are rough "
         "estimates; `seqrsm rehearse` simulates every step of `run`, once there are scores."
     )
-    return [Section("budget", "What the budget can achieve", (ways, other, Paragraph(how, "note")))]
+    return [Section("budget", f"What the budget can achieve{of}", (ways, other, Paragraph(how, "note")))]
 
 
 def _duration(seconds: float) -> str:
