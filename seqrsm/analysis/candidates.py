@@ -127,6 +127,7 @@ def by_surface(
     level: float,
     sds: tuple[float, float],
     optimism: float,
+    limits: tuple[float, float],
     rng: np.random.Generator,
 ) -> Comparison:
     """Compare two settings of the region by what is believed of the surface.
@@ -145,18 +146,21 @@ def by_surface(
         Of a future difference, and of a future score, over one ground about the surface, see `future_sd`.
     optimism : float
         Of the optimum's mean, score units, see `OptimumEstimate`.
+    limits : tuple of float
+        Ends that no score can leave.
     rng : Generator
     """
     mean = scale.to_score(belief.mean(points))
     above = rule.sign * max(rule.sign * (mean[0] - mean[1] + optimism), 0.0)  # as chosen as the optimum, see `Step`
     less = np.array([above, optimism])
-    parts = [(scale.to_score(one) - less, share) for one, share in joint_draws(belief, points, terms, rng)]
+    drawn = joint_draws(belief, points, terms, rng)
+    parts = [(np.clip(scale.to_score(one) - less, *limits), share) for one, share in drawn]
     gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
     futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]
     judged = futures
     if not rule.relative:
         judged = [(one[:, 0] + sds[1] * rng.standard_normal(len(one)), share) for one, share in parts]
-    mean = mean - less
+    mean = np.clip(mean - less, *limits)
     return Comparison(
         score=float(mean[0]),
         difference=float(mean[0] - mean[1]),

@@ -120,7 +120,7 @@ def analyse(
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
     taken_off = optimism(belief, best.point, rng)
-    estimate = _estimate(spec, fitted, belief, best, alone, taken_off)
+    estimate = _possible(_estimate(spec, fitted, belief, best, alone, taken_off), *application.score_limits)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
@@ -139,7 +139,7 @@ def analyse(
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
         of_quadratic=of_quadratic,
-        optimum=_possible(estimate, *application.score_limits),
+        optimum=estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,

@@ -39,7 +39,9 @@ def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockS
         found = days.predict(row, level, weight=weight)
         confidence = scale.in_scores(float(found.confidence.low[0]), float(found.confidence.high[0]))
         prediction = Interval(*(float(end[0]) for end in scale.of_runs(found.confidence, found.prediction, 1.0)))
-        new = BlockResponse(float(scale.to_score(found.mean)[0]), confidence, prediction)
+        low, high = fitted.application.score_limits
+        mean = min(max(float(scale.to_score(found.mean)[0]), low), high)
+        new = BlockResponse(mean, confidence.within(low, high), prediction.within(low, high))
         sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     return BlockStudy(

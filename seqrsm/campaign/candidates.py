@@ -298,8 +298,8 @@ class _Comparer:
                 sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
         if math.isnan(sds[0]):
             raise ConfigurationError("nothing is known of the scatter of scores until there are more runs than terms")
-        optimism = analysis.optimum.optimism
-        return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds, optimism, rng)
+        given = (analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds)
+        return by_surface(*given, analysis.optimum.optimism, self.application.score_limits, rng)
 
     # -- simulated ------------------------------------------------------------------------------------------------
 

@@ -19,9 +19,9 @@ def found(tmp_path_factory):
     return made
 
 
-def told(found, points, rule, optimism=OPTIMISM):
-    sds, terms = (SD_DIFFERENCE, SD_SCORE), found.posterior.term_draws
-    return by_surface(found.belief, found.scale, points, terms, rule, 0.95, sds, optimism, np.random.default_rng(1))
+def told(found, points, rule, optimism=OPTIMISM, limits=(-np.inf, np.inf)):
+    given = (found.belief, found.scale, points, found.posterior.term_draws, rule, 0.95, (SD_DIFFERENCE, SD_SCORE))
+    return by_surface(*given, optimism, limits, np.random.default_rng(1))
 
 
 def expected(found, points):
@@ -69,3 +69,18 @@ def test_a_target_counts_the_score_itself_and_its_own_scatter(found) -> None:
     for target in (means[0] - SD_SCORE, means[0] + 2.0):
         one = told(found, points, Sufficing(float(target), False, 1.0))
         assert one.probability == pytest.approx(np.mean(future >= target), abs=0.03)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_score_is_beyond_what_there_can_be(found, sign: float) -> None:
+    """Told was 100.3 percent, and a difference that draws beyond 100 make."""
+    points = np.array([[1.0, 0.3, 2.0], [1.0, 0.4, 2.0]])
+    means, scatter, _ = expected(found, points)
+    end = float(means.mean()) - sign  # both settings are beyond it
+    limits = (-np.inf, end) if sign > 0.0 else (end, np.inf)
+    one = told(found, points, Sufficing(0.0, True, sign), 0.0, limits)
+    assert (one.score, one.difference) == (end, 0.0)
+    above = max(sign * (means[0] - means[1]), 0.0) * sign  # as chosen as the optimum
+    drawn = np.clip(means + scatter - [above, 0.0], *limits)
+    ends = np.quantile(drawn[:, 0] - drawn[:, 1], [0.025, 0.975]) - [max(-above, 0.0), min(-above, 0.0)]
+    assert [one.confidence.low, one.confidence.high] == pytest.approx(ends, abs=0.1 * np.ptp(ends))

@@ -290,3 +290,18 @@ def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, mo
     ratio = analysis.fitted.surface.common_sd**2 / (analysis.fitted.surface.s**2 - analysis.fitted.surface.common_sd**2)
     np.testing.assert_allclose(precision[-9:, -9:], np.eye(9) / ratio, rtol=1e-9)
     assert np.count_nonzero(precision) == 9
+
+
+@pytest.mark.parametrize("effect", ["fixed", "random"])
+def test_a_new_day_promises_no_percentage_above_100(tmp_path, effect: str) -> None:
+    """Told were a mean of 100.4 and an interval up to 103.9 percent."""
+    points = np.round(spread(40, 2), 3)
+    scores = np.minimum(102.0 - 10.0 * np.sum(np.square(points), axis=1) + 0.2 * OF_DAYS + NOISE, 100.0)
+    text = specification(numeric(2), rest=f'[model]\nblock = "day"\nblock_effect = "{effect}"\n')
+    text = text.replace('"measured"', '"percent_correct"')
+    made = campaign(tmp_path / "c", text, points, scores, source="flight", block=DAYS)
+    (found,) = made.analyse_all(n_draws=400, thorough=True)
+    new = found.blocks.new
+    assert found.fit.predict(found.model.matrix(found.optimum.point[None, :])).mean > 100.0
+    assert (new.mean, new.confidence.high, new.prediction.high) == (100.0, 100.0, 100.0)
+    assert new.prediction.low < new.confidence.low < 100.0
