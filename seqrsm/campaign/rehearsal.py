@@ -23,6 +23,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import confirmation_batch, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import FitError
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.optimum import optimum, sign_of
 from seqrsm.propose.cloud import climb
@@ -51,11 +52,13 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     Raises
     ------
     FitError
-        Too few scores to know anything yet.
+        Too few scores to know anything yet, or scores without scatter.
     """
     analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
     spec = _plain(campaign.spec, analysis)
     draws = draw_coefficients(campaign.spec, analysis.fitted, sampler="exact", n_draws=2000)
+    if not np.any(draws.sigma > 0.0):
+        raise FitError("the scores do not scatter, so nothing is known of how future ones do", "Score repeated runs.")
     ended = []
     for i in range(n_campaigns):
         progress(i, n_campaigns)

@@ -155,8 +155,8 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
             width, digits = (look["half_width"], 3) if watched else (best[kind]["half_width"], 2)
-            wide = with_unit(known_text(width, digits, target), unit)
-            line(f"{words}: \u00b1 {wide}" + f", target \u00b1 {with_unit(format_plain(target), unit)}" * watched, 2)
+            wide = "none yet" if width is None else f"\u00b1 {with_unit(known_text(width, digits, target), unit)}"
+            line(f"{words}: {wide}" + f", target \u00b1 {with_unit(format_plain(target), unit)}" * watched, 2)
     if limit is not None:
         loss = with_unit(known_text(look["expected_loss"], 2, limit), unit)
         line(f"expected loss: {loss}, target at most {with_unit(format_plain(limit), unit)}", 2)

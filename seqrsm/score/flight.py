@@ -142,8 +142,11 @@ class _Reader(CellReader):
     recorded: Mapping[int, Mapping[str, float | str]]
 
     def missing(self, line: int) -> None:
-        if "run_id" in self.columns and self.no_factor():
+        ids = next((name for name in self.free_columns() if same_name(name, ["run_id"])), "")
+        if ("run_id" in self.columns or ids) and self.no_factor():
             self.factors = ()  # the runs that are named say what was flown
+            if "run_id" not in self.columns:
+                self.add("no column tells the runs", f"Rename the column '{ids}' to 'run_id'.", line, "run_id")
         super().missing(line)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
             free = self.free_columns()

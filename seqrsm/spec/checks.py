@@ -111,7 +111,7 @@ def catalogued(applications: Tables[ApplicationSpec], engine: str | None, report
 
 
 def goals(applications: Tables[ApplicationSpec], report: Reporter) -> None:
-    """An error is made small, and a utility that has a unit keeps it."""
+    """An error is made small, a utility that has a unit keeps it, and what suffices can be scored."""
     for index, application in applications:
         path: Path = ("application", index)
         if application.is_error and application.goal == "maximize":
@@ -119,6 +119,10 @@ def goals(applications: Tables[ApplicationSpec], report: Reporter) -> None:
         if application.unit not in ("", application.score_unit):
             text = f"scores of this utility are in {application.score_unit}"
             report.add((*path, "unit"), text, "Remove the key.", application.unit)
+        low, high = application.score_limits
+        if application.sufficient is not None and not low <= application.sufficient <= high:
+            ends = f"Scores go from {low:g} to {high:g}." if isfinite(low) else f"Scores are {high:g} at most."
+            report.add((*path, "sufficient"), "there is no such score", ends, application.sufficient)
 
 
 def targets(applications: Tables[ApplicationSpec], stop: object, report: Reporter) -> None:

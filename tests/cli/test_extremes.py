@@ -173,6 +173,17 @@ def test_equal_scores_leave_no_dust(tmp_path) -> None:
     assert [term["coded"]["estimate"] for term in found["terms"]] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
+def test_without_scatter_there_is_no_half_width_to_tell_and_nothing_to_rehearse(tmp_path) -> None:
+    """Told were half-widths of "± -", and intervals of rehearsed campaigns that cover nothing."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1.0")
+    fly(folder, lambda row, number: 0.1, 1)
+    said = call("status", folder).output
+    assert "prediction interval of one future run: none yet, target ± 1" in said
+    assert "± -" not in said
+    refused = call("rehearse", folder, "--campaigns", 10, code=2)
+    assert "the scores do not scatter" in refused.output
+
+
 @pytest.mark.parametrize("effect", ["fixed", "random"])
 def test_a_new_flight_day_is_tied_to_the_earlier_ones(tmp_path, effect) -> None:
     """Its effect is known about as well as its runs can tell it; of random days the second can be proposed, too."""

@@ -682,3 +682,14 @@ def test_fractions_are_no_percentages_of_a_measured_score_either(tmp_path, unit)
     told = folder.ingest(f"{HEADER}\n2,12,HH,0.7\n3,12,HH,0.8\n", code=2)
     assert "scores.csv:2: score: no score is above 1 percent (so 1 more row: line 3)" in told
     folder.ingest(f"{HEADER}\n2,12,HH,-3\n3,12,HH,170\n")
+
+
+@pytest.mark.parametrize("name", ["runid", "run id", "Run_ID", "RUN-ID"])
+def test_a_form_without_settings_whose_run_ids_have_another_name_is_told_the_name(tmp_path: Path, name: str) -> None:
+    """It was told to begin with a line of names of factors."""
+    folder = Folder(tmp_path, SPEC.format(more=""))
+    folder.call("propose", "--source", "flight", "--csv", tmp_path / "form.csv")
+    told = " ".join(folder.call("ingest", folder.write(f"{name},score\n1,80\n"), code=2).split())
+    assert f"scores.csv:1: run_id: no column tells the runs. Rename the column '{name}' to 'run_id'." in told
+    assert "no header" not in told
+    assert "No settings are given" in folder.call("ingest", folder.write("run_id,score\n1,80\n"))

@@ -468,3 +468,13 @@ def test_a_consideration_may_depend_on_a_level(load, expr, says):
     spec = load(text)
     settings = {"polarization": np.array(["HH", "VV"]), "resolution": np.array([10.0, 20.0])}
     np.testing.assert_array_equal(arithmetic(spec.considerations[0].expr).right(settings, 2), [30.0, 40.0])
+
+
+@pytest.mark.parametrize("score", [150.0, -0.1])
+def test_what_suffices_is_a_score_that_there_can_be(load, score):
+    text = GOOD.replace('utility = "percent_correct"', f'utility = "percent_correct"\nsufficient = {score}')
+    (problem,) = problems(load, text)
+    assert text.splitlines()[problem.line - 1] == f"sufficient = {score}"
+    assert (problem.message, problem.value) == ("there is no such score", score)
+    assert problem.remedy == "Scores go from 0 to 100."
+    assert load(text.replace(f"sufficient = {score}", "sufficient = 100")).applications[0].sufficient == 100.0
