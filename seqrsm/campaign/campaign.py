@@ -348,8 +348,8 @@ class Campaign:
         bundle = bundle_tasks(self.spec, settings, cells)[::OCCASIONS]  # one occasion of each world
 
         def scored(*covers: tuple[str, ...]) -> FloatArray:
-            tasks = [replace(task, elsewhere=own) for own in covers for task in bundle]
-            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(len(covers), -1)
+            tasks = [replace(task, elsewhere=own) for task in bundle for own in covers]  # neighbours share draws
+            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(covers)).T
 
         def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:
             both = np.isfinite(here) & np.isfinite(there)

@@ -95,8 +95,7 @@ class World:
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        draw = generator(self.seed, self._numbers(category)[1], f"world fields {category}").normal()
-        return float(np.exp(_FIELD_LOG_SD * draw))
+        return _field_factor(self.seed, self._numbers(category)[1], category)
 
     def _numbers(self, category: str) -> tuple[int, int]:
         """Of the world that a cover shares with others, and of the one that it has for its own."""
@@ -120,6 +119,12 @@ def _anchored(level_days: bytes) -> tuple[FloatArray, FloatArray]:
     waves = waves - (waves @ np.frombuffer(level_days))[:, None]
     variance = np.square(waves).sum(axis=0)
     return waves / math.sqrt(variance.mean()), np.sqrt(variance / variance.mean())
+
+
+@lru_cache(maxsize=256)  # of several channels
+def _field_factor(seed: int, number: int, category: str) -> float:
+    """See `World.field_factor`."""
+    return float(np.exp(_FIELD_LOG_SD * generator(seed, number, f"world fields {category}").normal()))
 
 
 @lru_cache(maxsize=256)  # of several dates

@@ -155,8 +155,9 @@ def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     """Tiles (n_tiles,) that hold scored cells, and the half that each belongs to."""
-    held = holds_cells(evidence.counts) if evidence.held is None else evidence.held
-    seen = np.bincount(evidence.tile[held], minlength=len(evidence.keys)) > 0
+    seen = evidence.seen
+    if seen is None:
+        seen = np.bincount(evidence.tile[holds_cells(evidence.counts)], minlength=len(evidence.keys)) > 0
     if not seen.any():
         raise SceneError("no scored cell lies in the image", "Give cells with a known category", field="scored")
     half = np.zeros(len(evidence.keys), dtype=np.int64)

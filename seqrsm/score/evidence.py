@@ -57,6 +57,8 @@ class Pixels:
     field : int32 array (n_pixels,)
         Field that all scored cells of a pixel belong to; -1 where it has none, -2 where it has several.
     tile : int64 array (n_pixels,)
+    seen : bool array (n_tiles,)
+        Tiles that hold a scored cell.
     keys : float64 array (n_tiles,)
         The half of the tiles with the smaller keys is one half.
     """
@@ -65,6 +67,7 @@ class Pixels:
     counts: AnyArray
     field: AnyArray
     tile: IntArray
+    seen: BoolArray
     keys: FloatArray
 
 
@@ -88,8 +91,8 @@ class Evidence:
         Label of each unit in a map that is there already; None without one.
     log_share : float64 array (n_labels, n_classes)
         What each label says for each class, see `seqrsm.score.known_map`.
-    held : bool array (n,) or None
-        Units that hold a scored cell, where they are known already; else ``counts`` tell.
+    seen : bool array (n_tiles,) or None
+        As of `Pixels`, where it is known already; else ``counts`` tell.
     """
 
     features: FloatArray
@@ -100,7 +103,7 @@ class Evidence:
     teaching: AnyArray
     label: IntArray | None = None
     log_share: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
-    held: BoolArray | None = None
+    seen: BoolArray | None = None
 
 
 def evidence_of(
@@ -133,7 +136,7 @@ def evidence_of(
     # Those of one image are in this order already, and nobody else's.
     layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*powers, *angles]), dtype=np.float64)
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
-    held = None if by in ("field", "segment") else pixels.field != -1
+    seen = None if by == "field" else pixels.seen
     if by == "field":
         layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m(base, scene))
     elif by == "segment":
@@ -145,7 +148,7 @@ def evidence_of(
         layers[is_power] = decibels(layers[is_power], counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, holds_cells(counts))
-    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, held=held)
+    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, seen=seen)
     if known is None:
         return found
     label = labels_of_units(known, scene, pixels.pixel if unit is None else unit, len(counts), seed)
@@ -242,7 +245,8 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, n_tiles = tiles(across, along, extent, side)
     _keep_fields_whole(field, _is_small(scene, side), tile)
-    return Pixels(pixel, counts, field, tile, np.zeros(n_tiles))
+    seen = np.bincount(tile[field != -1], minlength=n_tiles) > 0
+    return Pixels(pixel, counts, field, tile, seen, np.zeros(n_tiles))
 
 
 def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:

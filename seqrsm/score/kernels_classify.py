@@ -7,7 +7,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
 
-_BLOCK = 128
+_BLOCK = 384
 
 
 @kernel

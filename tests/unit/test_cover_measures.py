@@ -139,12 +139,13 @@ def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
     np.testing.assert_array_equal(again, fine)
 
 
-def test_pixels_that_hold_cells_are_those_with_counts() -> None:
-    unscored = replace(SCENE, scored=SCENE.scored & (np.arange(SCENE.shape[1]) % 97 < 40))
-    found = evidence_of([image(unscored, 12.0)], unscored, **KEY)
-    assert found.held is not None
-    np.testing.assert_array_equal(found.held, found.counts.any(axis=1))
-    assert 0 < np.count_nonzero(found.held) < len(found.held)
+@pytest.mark.parametrize("by", ["pixel", "neighbourhood", "segment"])
+def test_tiles_that_hold_scored_cells_are_those_of_units_with_counts(by: str) -> None:
+    unscored = replace(SCENE, scored=SCENE.scored & (np.arange(SCENE.shape[1]) < SCENE.shape[1] // 3))
+    found = evidence_of([image(unscored, 12.0)], unscored, by=by, **KEY)
+    assert found.seen is not None
+    assert np.flatnonzero(found.seen).tolist() == sorted(set(found.tile[found.counts.any(axis=1)].tolist()))
+    assert not found.seen.all()
 
 
 def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
