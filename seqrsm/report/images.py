@@ -96,7 +96,7 @@ def _png(pixels: AnyArray, palette: Sequence[str] = ()) -> bytes:
         image = image.convert("P")
         image.putpalette([part for color in palette for part in ImageColor.getrgb(color)])
     stream = io.BytesIO()
-    image.save(stream, "PNG", compress_level=9)
+    image.save(stream, "PNG")
     return stream.getvalue()
 
 
