@@ -82,7 +82,7 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     warnings.showwarning = lambda message, *_: say(f"warning: {message}")
-    gc.set_threshold(500_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
+    gc.set_threshold(50_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # an encoding such as Windows' for pipes lacks some of our signs
