@@ -108,7 +108,11 @@ def fit_application(
     see_names(spec, runs, application.name)
     model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
-    fit = fit_surface(spec, region, model, data, scale)
+    try:
+        fit = fit_surface(spec, region, model, data, scale)
+    except FitError as error:
+        field = f"application '{application.name}'" if len(spec.applications) > 1 else None
+        raise FitError(*(replace(problem, field=field) for problem in error.problems)) from None
     surface = surface_of(spec, model, data, scale, fit, ground)
     departure = weigh_departure(surface, spec.seed, spec.states_prior(application))
     if "flight" in data.sources:  # over the real ground

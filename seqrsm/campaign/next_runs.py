@@ -103,7 +103,8 @@ def start_batch(
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
     why = f"initial design: {n} runs for a model of {model.p} terms"
     if len(made) >= n:
-        beside = " beside the blocks: all of these on one more day" if blocked else ""
+        of_days = " beside the blocks: all of these on one more day"
+        beside = (of_days if spec.model.block else " for every application") * blocked
         why = f"the runs so far do not determine all {model.p} terms of the model{beside}"
     cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]

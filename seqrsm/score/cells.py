@@ -308,7 +308,7 @@ class CellReader:
         elif text.isalpha() or text.endswith("%"):
             remedy = "Units go into the header, as frequency [GHz]; remove lines that are not runs."
         elif "," in text and self.table.delimiter == ",":
-            remedy = "Use a decimal point, or separate the cells by semicolons."
+            remedy = "Use a decimal point, or, in a text file, separate the cells by semicolons."
         self.add("this is not a number", remedy, line, column, text)
         return None
 

@@ -313,3 +313,16 @@ def test_without_scores_a_fit_says_how_many_are_missing(tmp_path: Path, weights:
     text = (folder / "campaign.toml").read_text(encoding="utf-8").replace('"measured"', '"percent_correct"')
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     assert "0 scored runs cannot determine 6 terms" in call("fit", folder, code=2).output
+
+
+def test_an_application_without_scores_is_named(tmp_path) -> None:
+    """Told was that no scored run determines the terms, and to fly "beside the blocks", where there are none."""
+    other = '[[application]]\nname = "other"\nutility = "measured"\n'
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1.0", other)
+    rows = [f"{a},{b},score,{a + b + 0.1 * a * b}" for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    (folder / "s.csv").write_text("\n".join(["x0,x1,application,score", *rows, *rows]), encoding="utf-8")
+    call("ingest", folder, folder / "s.csv", "--accept")
+    refused = call("fit", folder, code=2)
+    assert "application 'other': 0 scored runs cannot determine 6 terms" in refused.stderr
+    told = call("propose", folder, "--source", "flight", "-n", 2).output
+    assert "do not determine all 6 terms of the model for every application" in " ".join(told.split())

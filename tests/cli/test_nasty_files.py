@@ -142,7 +142,11 @@ REFUSED = [
         "this line is no header: it names no factor. Begin the file with a line",
     ),
     (NUMBERS, "<html><table><tr><td>1</td></tr></table></html>\n", "this line is no header"),
-    (NUMBERS, text(*GOOD, '3,12,HH,"71,3"'), "Use a decimal point, or separate the cells by semicolons."),
+    (
+        NUMBERS,
+        text(*GOOD, '3,12,HH,"71,3"'),
+        "Use a decimal point, or, in a text file, separate the cells by semicolons.",
+    ),
     (NUMBERS, text(*GOOD, "3,12,HH,#DIV/0!"), "this is not a number (got '#DIV/0!')"),
     (NUMBERS, text(*GOOD, "3,12,HH,=B2*2"), "this is not a number (got '=B2*2')"),
     (NUMBERS, text(*GOOD, "3,12,HH,71 \u00b1 2"), "this is not a number"),

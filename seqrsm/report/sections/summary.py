@@ -298,7 +298,7 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     elif decision.budget_spent and spec.stop_of(analysis.application).half_width < decision.noise_floor:
         yield f"Accept the interval as it stands: more runs cannot reach the target. {_loss_sentence(spec, analysis)}"
     elif decision.budget_spent:
-        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(spec, analysis)}"
+        yield f"Raise the budget or accept the result as it stands. {_loss_sentence(spec, analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(spec, analysis)}"
     if edges := best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name)):
