@@ -431,7 +431,7 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
         if (octaves := math.log2(high / low)) < _NEAR_OCTAVES:
             yield (
                 f"radars at {low:g} and {high:g} GHz are {octaves:.2g} octave apart: how differently two near bands "
-                "see a cover is assumed, and the gain of the second is likely too large"
+                "see a cover is assumed, and with it the gain of the second"
             )
 
 

@@ -138,7 +138,7 @@ def test_what_cannot_be_built_says_why(compared: Path) -> None:
 
 def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     text = (compared / "campaign.toml").read_text(encoding="utf-8")
-    asked = text.replace("[[application]]", "[[application]]\nsufficient = 150.0", 1)
+    asked = text.replace("[[application]]", "[[application]]\nsufficient = 100.0", 1)
     (compared / "campaign.toml").write_text(asked, encoding="utf-8")
     document = json.loads(ok("candidates", compared, "--worlds", 4, "--json"))
     rows = document["applications"]["cover"]["candidates"]

@@ -295,9 +295,10 @@ def test_even_ground_is_not_cut_by_the_noise_of_coarser_pixels() -> None:
 def test_segments_score_between_pixels_and_fields() -> None:
     scene = fields(side=16, n=192, cell_m=5.0)
     for frequency in (1.25, 5.4):
-        made = image(scene, 5.0, frequency)
         units = ("pixel", "segment", "field")
-        pixel, segment, field = (percent_correct([made], scene, by=by, **KEY).value for by in units)
+        made = [image(scene, 5.0, frequency, run) for run in range(4)]
+        each = [[percent_correct([one], scene, by=by, **KEY).value for by in units] for one in made]
+        pixel, segment, field = np.mean(each, axis=0)
         assert pixel + 3.0 < segment < field
 
 
