@@ -40,6 +40,7 @@ from seqrsm.simulate.radar.psm import simulate_radar
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation"
+DATA = ROOT / "tests" / "reference" / "data"
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 GHZ = {"C": 5.4, "L": 1.25}
 ANGLE = {"C": 38, "L": 40}
@@ -290,11 +291,10 @@ def rests_on(found: dict[str, list[dict[str, tuple[float, float]]]], worlds: int
 
 def by_powers_and_phases() -> list[str]:
     """How well samples of nine crops are told apart in either band without and with phases, in Markdown."""
-    data = ROOT / "tests" / "reference" / "data"
-    c = pd.read_csv(data / "flevoland_c_band.csv")
+    c = pd.read_csv(DATA / "flevoland_c_band.csv")
     c = c.assign(**{f"{p}_db": 10.0 * np.log10(c[n]) for p, n in (("hh", "c11"), ("hv", "c22"), ("vv", "c33"))})
     c["class"] = c["class"].replace({"winter wheat": "wheat", "beans": "stem beans", "sugar beet": "beet"})
-    low = pd.read_csv(data / "flevoland_l_band_windows.csv")
+    low = pd.read_csv(DATA / "flevoland_l_band_windows.csv")
     draws = [(f"L, {w} by {w} cells", [own for _, own in of.groupby("draw")]) for w, of in low.groupby("window_cells")]
     rows = []
     for name, sets in [("C", [c[c["class"].isin(set(low["class"]))]]), *draws]:

@@ -2,19 +2,22 @@
 
     python tests/studies/validate_flevoland.py [runs [--again | --more]]
     python tests/studies/validate_flevoland.py --fields AIRSAR.npz
+    python tests/studies/validate_flevoland.py --windows AIRSAR.npz
 
 The labelled fields are simulated with the class backscatter and the spread between fields that the flight measured, and
 classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``: with
 ``--again`` from the scores of the last time, with ``--more`` after adding the variants that are missing there. The
 second form makes ``flevoland_fields.npz``, the mean backscatter of every field, from the flight's own quantised planes
 (arrays ``hh_q``, ``hv_q``, ``vv_q``: decibels are q / 4 - 60, and 10.99 more for sigma0), which are not in the
-repository.
+repository. The third makes ``flevoland_l_band_windows.csv`` among the tests' data, for ``seasons_study.py``, from these
+and the correlation of HH and VV (``rho_hhvv_re_x127``, ``rho_hhvv_im_x127``), ``label`` and ``class_names``.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import itertools
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -43,6 +46,12 @@ from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 
 OUT = ROOT / "reports" / "validation"
+DATA = ROOT / "tests" / "reference" / "data"
+WINDOWS, SAMPLES = (3, 5, 9), 15  # cells of a side, and windows of a crop
+WINDOW_CROPS = ("Stem beans", "Peas", "Lucerne", "Wheat", "Beet", "Potatoes", "Grass", "Rapeseed", "Barley")
+WINDOW_COLUMNS = (
+    "window_cells", "draw", "class", "hh_db", "hv_db", "vv_db", "hh_vv_phase_deg", "entropy", "alpha_deg",
+)  # fmt: skip
 CELL_M = 12.1
 EFFECTIVE = 2.45 / 4.0
 """Looks that a cell of the recording holds (2.2 to 2.7 by its own statistics) over the nominal four."""
@@ -118,6 +127,47 @@ def measure_fields(flight: Path) -> None:
             total = np.bincount(field, power) / np.bincount(field)
             means[f"{channel}_db"] = (10.0 * np.log10(total)).astype(np.float32)
     np.savez_compressed(OUT / "flevoland_fields.npz", **means)
+
+
+def measure_windows(flight: Path) -> None:
+    """Write windows of the flight's labelled fields, at random inside them and spread over the fields of a crop."""
+    kept = np.load(flight)
+    power = [recorded(kept, channel) for channel in ("hh", "hv", "vv")]
+    correlation = (kept["rho_hhvv_re_x127"].astype(float) + 1j * kept["rho_hhvv_im_x127"]) / 127.0
+    both = correlation * np.sqrt(power[0] * power[2])
+    names = [str(name).removesuffix(" 2").removesuffix(" 3") for name in kept["class_names"]]
+    rows = []
+    for side, draw_number in itertools.product(WINDOWS, range(4)):
+        rng = np.random.default_rng(draw_number)
+        hh, hv, vv, real, imaginary = (ndimage.uniform_filter(x, side) for x in (*power, both.real, both.imag))
+        for crop in WINDOW_CROPS:
+            of_crop = np.isin(kept["label"], [i for i, name in enumerate(names) if name == crop])
+            inner = ndimage.binary_erosion(of_crop, np.ones((side, side)))
+            field, n = ndimage.label(of_crop)
+            fields = [cells for k in range(1, n + 1) if len(cells := np.argwhere(inner & (field == k)))]
+            for k in range(SAMPLES):
+                own = fields[k % len(fields)]
+                at = tuple(own[rng.integers(len(own))])
+                of_phases = phases(hh[at], hv[at], vv[at], complex(real[at], imaginary[at]))
+                decibels = (10.0 * np.log10(p[at]) for p in (hh, hv, vv))
+                rows.append([side, draw_number, crop.lower(), *(f"{x:.2f}" for x in decibels), *of_phases])
+    with (DATA / "flevoland_l_band_windows.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([WINDOW_COLUMNS, *rows])
+
+
+def phases(hh: float, hv: float, vv: float, both: complex) -> tuple[str, str, str]:
+    """Phase between HH and VV, entropy and mean alpha angle [deg] (Cloude & Pottier 1997, IEEE TGRS 35, 68-78).
+
+    Of mean powers and the mean product of HH and conjugate VV, where HV is correlated with neither.
+    """
+    across = 0.5 * (hh - vv) - 1j * both.imag
+    coherency = [[0.5 * (hh + vv) + both.real, across], [np.conj(across), 0.5 * (hh + vv) - both.real]]
+    values, vectors = np.linalg.eigh(np.array(coherency))
+    share = np.maximum([*values, 2.0 * hv], 1e-9)
+    share /= share.sum()
+    alpha = np.degrees(np.arccos([*np.clip(np.abs(vectors[0]), 0.0, 1.0), 0.0]))
+    told = np.degrees(np.angle(both)), -np.sum(share * np.log(share)) / np.log(3.0), np.sum(share * alpha)
+    return f"{told[0]:.1f}", f"{told[1]:.3f}", f"{told[2]:.1f}"
 
 
 def labelled_cells() -> np.ndarray:
@@ -207,8 +257,9 @@ def agreement(measured: np.ndarray, other: np.ndarray) -> dict[str, float]:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["--fields"]:
-        measure_fields(Path(sys.argv[2]))
+    of_flight = {"--fields": measure_fields, "--windows": measure_windows}
+    if sys.argv[1:2] and sys.argv[1] in of_flight:
+        of_flight[sys.argv[1]](Path(sys.argv[2]))
         return
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 3
     rows = flight_scores()

@@ -202,6 +202,17 @@ def test_a_tenth_of_fields_is_a_band_s_own():
     np.testing.assert_array_equal(one, again)
 
 
+@pytest.mark.parametrize("visit", [Visit(), Visit((150.0,))])
+def test_images_of_two_bands_see_that_tenth_apart(visit):
+    looked = at(visit.day, categories=("Grass",))  # whose fields are neither early nor late
+    fields = np.zeros(40_000, dtype=np.uint8)
+    one, other = (
+        draw_occasion(radar(f), [looked], fields, (0.2, 5.0), visit, seed=1, run_id=2).field_offset_db[0]
+        for f in (5.4, 5.401)
+    )
+    assert np.var(one - other) == pytest.approx(0.2 * np.var(one), rel=0.05)
+
+
 def test_soil_moisture_of_days_is_uniform_and_remembers():
     days = (120.0, 123.0, 180.0)
     u = np.array([[moisture_share(Visit(days, t), seed=1, run_id=k) for t in range(3)] for k in range(1500)])

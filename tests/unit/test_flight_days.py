@@ -59,6 +59,13 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     assert surface.common_sd == pytest.approx(np.mean(of_days), rel=0.05)
 
 
+def test_no_other_surface_is_weighed_against_a_plane(tmp_path) -> None:
+    text = specification(numeric(10), rest="[model]\norder = 1\n")
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    found = check_campaign(tmp_path)
+    assert (found.n_terms, found.min_runs, found.min_runs_departed) == (11, 31, 31)
+
+
 def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path) -> None:
     """A quadratic in two factors and eight days are 13 terms: told were 18 runs where the rule asks for 33."""
     points = np.round(spread(40, 2), 3)
