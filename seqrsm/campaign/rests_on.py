@@ -82,7 +82,7 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
     channels, levels = [], []
     for one in radars.values():
         day = one.visit.days[one.visit.number]
-        for channel in one.sensor.channels:
+        for channel in filter(GROUND_OF.get, one.sensor.channels):
             find = task.scattering(one.engine).lookup
             found = find(crops, one.sensor.frequency_ghz, GROUND_OF[channel], day=day)
             at_day = linear_to_db(found.sigma0[:, 40])

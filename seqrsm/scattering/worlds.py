@@ -74,7 +74,7 @@ class World:
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
-        deviate = _shared(self.seed, self._numbers(category), category, kin, frequency_ghz, 0)
+        deviate = _shared(self.seed, self.numbers(category), category, kin, frequency_ghz, 0)
         if channel not in ("H", "V"):
             return np.asarray(_of_channel(deviate, channel) @ _BY_ANGLE)
         apart = _EMISSIVITY_OWN * _SLANT**2
@@ -91,13 +91,13 @@ class World:
         level_days : float64 array (365,)
             Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
         """
-        return _season(self.seed, self._numbers(category), category, kin, frequency_ghz, channel, level_days.tobytes())
+        return _season(self.seed, self.numbers(category), category, kin, frequency_ghz, channel, level_days.tobytes())
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
-        return _field_factor(self.seed, self._numbers(category)[1], category)
+        return _field_factor(self.seed, self.numbers(category)[1], category)
 
-    def _numbers(self, category: str) -> tuple[int, int]:
+    def numbers(self, category: str) -> tuple[int, int]:
         """Of the world that a cover shares with others, and of the one that it has for its own."""
         return self.number, self.number + _ELSEWHERE * (category in self.elsewhere)
 

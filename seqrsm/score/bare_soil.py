@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import fields_of, finest, layers_of, pixels_of, tile_m
+from seqrsm.sensor.radar import PHASE
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import region_spread
@@ -96,11 +98,12 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
 
 
 def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
-    """The table's own means at each moisture of `GRID`, one for each channel."""
+    """The table's own means at each moisture of `GRID`, one for each channel; the phase, if any, is left unused."""
     assert image.table is not None
     table = image.table.in_world(None)
-    _, wind = nominal_ground_state(image.radar)
-    return [look_up(scene, image.radar, table, (float(m), wind), image.day) for m in GRID]
+    radar = replace(image.radar, channels=tuple(c for c in image.radar.channels if c != PHASE))
+    _, wind = nominal_ground_state(radar)
+    return [look_up(scene, radar, table, (float(m), wind), image.day) for m in GRID]
 
 
 def _departures_db(
@@ -114,7 +117,7 @@ def _departures_db(
     """
     pixel, n_azimuth = image.pixel_of_cell, image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
-    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), layers_of(image)])
+    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), layers_of(image)[: len(steps[0])]])
     inner = np.where(_away_from_edges(image, scene), of_cell, np.int32(-1))
     theta, noise, looks, *power = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
     found = np.empty((len(power), len(kind), len(FINE)))

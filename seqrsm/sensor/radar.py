@@ -22,8 +22,14 @@ from seqrsm.sensor.earth import incidence_of_look
 from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
-CHANNELS: Final = RADAR["polarization"].levels
-"""Polarization channels in the order of every draw; the first letter is transmitted, R being right circular."""
+PHASE: Final = "phase"
+"""The channel that stands for the phase between HH and VV and for how well they are related."""
+
+TOGETHER: Final = ("HH+VV", "HH+iVV")
+"""Its layers: HH and VV added, as they are and a quarter wave apart, each with half of its power."""
+
+LAYERS: Final = (*(channel for channel in RADAR["polarization"].levels if channel != PHASE), *TOGETHER)
+"""Layers of images in the order of every draw; the first letter is transmitted, R being right circular."""
 
 GROUND_OF: Final = {"HH": "HH", "HV": "HV", "VV": "VV", "VH": "HV", "RH": "HH", "RV": "VV"}
 """Channel of the scattering tables that each channel's draws are those of: VH is HV, a circular wave's echo mostly the
@@ -46,7 +52,7 @@ class RadarConfiguration:
         Carrier frequency [GHz], 0.1 to 100.
     channels : tuple of str
         Polarization channels imaged together, HH, HV, VV, VH, or RH, RV: transmitted, then received; R is circular.
-        Transmit polarizations take turns and share the pulses.
+        Transmit polarizations take turns and share the pulses. With HH and VV also "phase", the phase between them.
     resolution_m : float
         Side of the final resolution cell on the ground [m].
     bandwidth_mhz : float
@@ -297,9 +303,15 @@ class RadarConfiguration:
         return self.pixel_spacing_m * (1.0 if self.range_format == "ground" else math.sin(self.centre_incidence_rad))
 
     @property
+    def layers(self) -> tuple[str, ...]:
+        """Layers of its images: a channel each, but `TOGETHER` for the phase."""
+        recorded = tuple(channel for channel in self.channels if channel != PHASE)
+        return recorded if recorded == self.channels else (*recorded, *TOGETHER)
+
+    @property
     def n_transmit(self) -> int:
         """Number of transmit polarizations that share the pulses."""
-        return len({channel[0] for channel in self.channels})
+        return len({layer[0] for layer in self.layers})
 
     def ground_resolution_m(self, incidence_rad: _Real) -> _Real:
         """Ground range resolution of one look, c/(2 B sin(theta)) [m], at incidence angles [rad] > 0."""
@@ -435,10 +447,15 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if radar.near_incidence_deg >= radar.far_incidence_deg:
         text = "the near edge of the swath lies beyond the far edge"
         yield at_fault(radar, "near_incidence_deg", text, "Keep it below far_incidence_deg")
+    if PHASE in radar.channels and not {"HH", "VV"} <= set(radar.channels):
+        text = "the phase is that between HH and VV"
+        yield at_fault(radar, "polarization", text, "Use HH+VV+phase, or HH+HV+VV+phase")
+    if PHASE in radar.channels and radar.receiver != "linear":
+        yield at_fault(radar, "receiver", "phases need a linear receiver", f'Use "linear", or omit {PHASE}')
     if {"HV", "VH"} <= set(radar.channels):
         text = "HV and VH carry the same information"
         yield at_fault(radar, "polarization", text, "Omit one: HH+HV+VV is complete")
-    if len({channel[0] == "R" for channel in radar.channels}) > 1:
+    if len({layer[0] == "R" for layer in radar.layers}) > 1:
         text = "a radar sends circular waves or linear ones: from both linear ones every other follows"
         yield at_fault(radar, "polarization", text, "Use RH+RV, or HH+HV+VV")
     if radar.scan == "ppi":

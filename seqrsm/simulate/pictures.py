@@ -103,7 +103,7 @@ def _radar_picture(image: RadarImage) -> Picture:
     fewest, most = (f"{float(f'{looks:.3g}'):.7g}" for looks in (image.looks.min(), image.looks.max()))
     looks = f"{fewest} to {most} looks" if fewest != most else f"{most} look{'s' * (most != '1')}"
     return Picture(
-        channels=radar.channels,
+        channels=radar.layers,
         values=image.apparent_sigma0().astype(np.float64),
         quantity="apparent sigma0",
         unit="dB",

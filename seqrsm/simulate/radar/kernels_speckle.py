@@ -142,6 +142,64 @@ def _fading_row(z: AnyArray, row: AnyArray, spread: float, places: AnyArray, cub
         out[j] = root * root * root
 
 
+@kernel
+def fade_together(
+    hh: AnyArray,
+    vv: AnyArray,
+    both: AnyArray,
+    noise: AnyArray,
+    looks: AnyArray,
+    free: AnyArray,
+    out_hh: AnyArray,
+    out_vv: AnyArray,
+    out_both: AnyArray,
+) -> None:
+    """Fading of HH and VV as they are related, and of them added: the complex Wishart law of N looks, any real one.
+
+    Bartlett's decomposition (Goodman 1963, Ann. Math. Stat. 34, 152-177): HH fades as it does alone, and VV is in part
+    what HH is, in part what it would be alone. Of the latter a share of the law Beta(1, N - 1) has a phase.
+
+    Parameters
+    ----------
+    hh, vv : float arrays (n_range, n_azimuth)
+        Mean power of the ground [W].
+    both : float array (2, n_range, n_azimuth)
+        Mean power of HH + VV and of HH + i VV, each over 2 [W].
+    noise, looks : float64 arrays (n_range,)
+        Mean power of the receiver noise [W]; N, >= 1.
+    free : float array (2, n_range, n_azimuth)
+        Fading of one look: the law exp(-x).
+    out_hh, out_vv : float arrays (n_range, n_azimuth)
+        Power with noise and fading, each faded alone [W]; that of VV is written anew.
+    out_both : float array (2, n_range, n_azimuth)
+        Written.
+    """
+    for i in range(hh.shape[0]):
+        n, add = looks[i], noise[i]
+        for j in range(hh.shape[1]):
+            first, second = np.float64(hh[i, j]) + add, np.float64(vv[i, j]) + add
+            root, middle = np.sqrt(first * second), 0.5 * (first + second)
+            if root <= 0.0:
+                out_both[0, i, j] = out_both[1, i, j] = 0.5 * (out_hh[i, j] + out_vv[i, j])
+                continue
+            real, imaginary = (both[0, i, j] + add - middle) / root, (both[1, i, j] + add - middle) / root
+            size = max(np.sqrt(real * real + imaginary * imaginary), 1.0)
+            real, imaginary = real / size, imaginary / size
+            squared = min(real * real + imaginary * imaginary, 1.0)
+            apart = np.sqrt(1.0 - squared)
+            x = np.sqrt(out_hh[i, j] / first)
+            alone = out_vv[i, j] / second
+            share = 1.0 - np.exp(-free[0, i, j] / (n - 1.0)) if n > 1.0 else 1.0
+            size, angle = apart * np.sqrt(alone * share), 2.0 * np.pi * np.exp(-free[1, i, j])
+            # The wave that VV is: what it has of HH, and its own.
+            a, b = real * x + size * np.cos(angle), size * np.sin(angle) - imaginary * x
+            power = second * (a * a + b * b + apart * apart * alone * (1.0 - share))
+            out_vv[i, j] = power
+            middle = 0.5 * (out_hh[i, j] + power)
+            out_both[0, i, j] = middle + root * x * a
+            out_both[1, i, j] = middle - root * x * b
+
+
 def work_lines(m: int) -> tuple[AnyArray, ...]:
     """Space for a row of ``m`` pixels in `add_speckle`: to get it there takes a sixth more to compile."""
     words, places = np.empty(m + 3, dtype=np.uint32), np.empty(m + 3, dtype=np.int32)

@@ -23,11 +23,12 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Course, on_day
+from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, coherence, limited
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
+from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, TOGETHER, RadarConfiguration
 from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.visits import (
     FAST_DAYS,
@@ -41,6 +42,7 @@ from seqrsm.simulate.visits import (
     moisture_share,
     year_shift_days,
 )
+from seqrsm.units import db_to_linear, linear_to_db
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open
@@ -57,9 +59,9 @@ class Occasion:
         Volumetric moisture of bare soil [m3/m3].
     wind_m_s : float
         Wind speed over water [m/s].
-    class_offset_db : float64 array (n_channels, n_categories)
+    class_offset_db : float64 array (n_layers, n_categories)
         Departure of each class on this date from the table [dB].
-    field_offset_db : float64 array (n_channels, n_fields)
+    field_offset_db : float64 array (n_layers, n_fields)
         Departure of each field from its class [dB].
     field_moisture : float64 array (n_fields,) or None
         Soil moisture of each field [m3/m3]; None: that of the date, in all.
@@ -71,14 +73,14 @@ class Occasion:
     field_offset_db: FloatArray
     field_moisture: FloatArray | None = None
 
-    def record(self, channels: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
+    def record(self, layers: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: all but the fields, whose spread stands for them; plain numbers and names."""
         return {
             "soil_moisture": self.soil_moisture,
             "wind_m_s": self.wind_m_s,
             "class_offset_db": {
-                channel: {name: round(float(x), 4) for name, x in zip(categories, row, strict=True)}
-                for channel, row in zip(channels, self.class_offset_db, strict=True)
+                layer: {name: round(float(x), 4) for name, x in zip(categories, row, strict=True)}
+                for layer, row in zip(layers, self.class_offset_db, strict=True)
             },
             "field_offset_sd_db": [round(float(row.std()), 4) for row in self.field_offset_db],
         }
@@ -117,13 +119,13 @@ def draw_occasion(
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
     shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
     (`seqrsm.scattering.calendar`). The spread was measured with early and late fields in it, so what their shift
-    makes of it on a day is taken off what fades.
+    makes of it on a day is taken off what fades. Layers of `TOGETHER` are left at 0.
 
     Parameters
     ----------
     radar : RadarConfiguration
     lookups : sequence of Sigma0Lookup
-        One for each of the radar's channels.
+        One for each of the radar's layers.
     field_category : uint8 array (n_fields,)
         Category of each field, 255 for none.
     ground_state : tuple of float
@@ -135,9 +137,10 @@ def draw_occasion(
     n_categories = lookups[0].sigma0.shape[0]
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
-    class_offset = np.empty((len(lookups), n_categories))
-    field_offset = np.empty((len(lookups), len(field_category)))
-    for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):
+    class_offset = np.zeros((len(lookups), n_categories))
+    field_offset = np.zeros((len(lookups), len(field_category)))
+    calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
+    for c, channel, lookup in _recorded(radar, lookups):
         draw = _Draws(seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
         if visit.day is None or lookup.course is None:
             class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
@@ -145,9 +148,13 @@ def draw_occasion(
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
         field_offset[c] = np.where(known, deviation, 0.0)
-    calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(CHANNELS))
-    class_offset += radar.calibration_sd_db * calibration[[CHANNELS.index(c) for c in radar.channels], None]
+        class_offset[c] += radar.calibration_sd_db * calibration[LAYERS.index(channel)]
     return Occasion(ground_state[0], ground_state[1], class_offset, field_offset)
+
+
+def _recorded(radar: RadarConfiguration, lookups: Sequence[Sigma0Lookup]) -> list[tuple[int, str, Sigma0Lookup]]:
+    """Place, name and look-up of the layers that are channels."""
+    return [(c, *of) for c, of in enumerate(zip(radar.layers, lookups, strict=True)) if of[0] not in TOGETHER]
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,22 +249,59 @@ def met_occasion(
         theta = math.degrees(radar.centre_incidence_rad)
         steps = [look_up(scene, radar, table, (float(node), met.wind_m_s), visit.day) for node in nodes]
         known = category < len(scene.categories)
-        for c, own in enumerate(lookups):
+        for c, _, own in _recorded(radar, lookups):
             base = _level_db(own, theta)
             change = np.stack([_level_db(step[c], theta) - base for step in steps])
             for k in np.flatnonzero(np.ptp(change, axis=0) + np.abs(change[0]) > 0.0):
                 mine = known & (category == k)
                 offset[c, mine] += np.interp(moisture[mine], nodes, change[:, k])
+    parent = np.arange(len(category))
     if radar.texture_db > 0.0:
         _, parent = pieces(scene, radar.texture_m)
         # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
-        place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
-        draws = _texture(visit, "texture", (1 + max(place), len(parent)), radar.frequency_ghz, **key)
+        own_place = [(c, 1 + POLARIZATIONS.index(GROUND_OF[name]), own) for c, name, own in _recorded(radar, lookups)]
+        parts = 1 + max(place for _, place, _ in own_place)
+        draws = _texture(visit, "texture", (parts, len(parent)), radar.frequency_ghz, **key)
         offset = offset[:, parent]
-        for c, lookup in enumerate(lookups):
+        for c, place, lookup in own_place:
             shared = float(np.mean(lookup.channel_correlation))
-            offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * draws[place[c]])
-    return replace(met, field_offset_db=offset, field_moisture=moisture)
+            offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * draws[place])
+    met = replace(met, field_offset_db=offset, field_moisture=moisture)
+    if PHASE not in radar.channels:
+        return met
+    related = coherence(scene.categories, radar.frequency_ghz, table.world)
+    departure = half_lasting(visit, "coherence", (2, len(category)), radar.frequency_ghz, **key)
+    mean = related.mean[np.where(category < len(scene.categories), category, 0)]
+    of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
+    return _added(radar, lookups, met, related, category[parent], of_fields[parent])
+
+
+def _added(
+    radar: RadarConfiguration,
+    lookups: Sequence[Sigma0Lookup],
+    met: Occasion,
+    related: Coherence,
+    category: IntArray,
+    of_fields: AnyArray,
+) -> Occasion:
+    """An occasion with the offsets of HH and VV added, at the incidence angle of the centre of the scene.
+
+    ``category`` and ``of_fields`` (n_fields,): of each field or piece, the latter how its HH and VV are related.
+    """
+    theta = math.degrees(radar.centre_incidence_rad)
+    hh, vv = (radar.layers.index(channel) for channel in ("HH", "VV"))
+    known = np.where(category < len(related.mean), category, 0)
+    of_class, of_field = met.class_offset_db.copy(), met.field_offset_db.copy()
+    table = [db_to_linear(_level_db(lookups[c], theta)) for c in (hh, vv)]
+    on_date = [power * db_to_linear(of_class[c]) for power, c in zip(table, (hh, vv), strict=True)]
+    here = [power[known] * db_to_linear(of_field[c]) for power, c in zip(on_date, (hh, vv), strict=True)]
+    for layer, part in zip(TOGETHER, (np.real, np.imag), strict=True):
+        c = radar.layers.index(layer)
+        nominal, dated = (added_power(first, second, part(related.mean)) for first, second in (table, on_date))
+        of_class[c] = linear_to_db(dated / nominal)
+        offset = linear_to_db(added_power(here[0], here[1], part(of_fields)) / dated[known])
+        of_field[c] = np.where(category < len(related.mean), offset, 0.0)
+    return replace(met, class_offset_db=of_class, field_offset_db=of_field)
 
 
 _texture = cached_by_thread(maxsize=1)(half_lasting)  # simulations that move one cover after another share it
@@ -276,7 +320,7 @@ def look_up(
     ground_state: tuple[float, float],
     day: float | None = None,
 ) -> list[Sigma0Lookup]:
-    """Backscatter of the scene's categories in each channel at a moisture [m3/m3], wind [m/s] and day of the year.
+    """Backscatter of the scene's categories in each layer at a moisture [m3/m3], wind [m/s] and day of the year.
 
     RH and RV, circular waves received at H and V, are half the sum of HH or VV and HV, whose echoes are independent.
     """
@@ -300,10 +344,18 @@ def look_up(
 
     found = []
     for channel in radar.channels:
+        if channel == PHASE:
+            continue
         like = find(GROUND_OF[channel])
         if channel[0] == "R":
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))
         found.append(like)
+    if PHASE not in radar.channels:
+        return found
+    related, hh, vv = coherence(scene.categories, radar.frequency_ghz, table.world), find("HH"), find("VV")
+    for part in (related.mean.real, related.mean.imag):
+        both = added_power(hh.sigma0, vv.sigma0, part[:, None])
+        found.append(replace(hh, sigma0=both, status=related.status, notes=related.notes))
     return found
 
 

@@ -22,7 +22,7 @@ from seqrsm.rng import stream_key
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
-from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
+from seqrsm.sensor.radar import LAYERS, PHASE, TOGETHER, RadarConfiguration
 from seqrsm.simulate.radar import kernels, kernels_speckle
 from seqrsm.simulate.radar.echo import (
     EchoGrid,
@@ -249,10 +249,36 @@ def _faded(
     key: tuple[np.uint32, np.uint32],
     threads: int,
 ) -> AnyArray:
-    """Power with noise and fading, in the type of ``mean``."""
+    """Power with noise and fading, in the type of ``mean``.
+
+    HH and VV with the phase between them fade by the complex Wishart law of real N, as they are related in each pixel.
+    """
     if radar.fading == "none":
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
-    numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
+    recorded = [layer for layer in radar.layers if layer not in TOGETHER]
+    own = slice(0, len(recorded))
+    out = np.empty_like(mean)
+    out[own] = _faded_alone(mean[own], noise, looks, recorded, radar, key, threads)
+    if PHASE in radar.channels:
+        two = slice(len(recorded), len(mean))
+        alone = np.ones_like(mean[two]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
+        free = _faded_alone(*alone, radar, key, threads)
+        hh, vv = radar.layers.index("HH"), radar.layers.index("VV")
+        kernels_speckle.fade_together(mean[hh], mean[vv], mean[two], noise, looks, free, out[hh], out[vv], out[two])
+    return out
+
+
+def _faded_alone(
+    mean: AnyArray,
+    noise: FloatArray,
+    looks: FloatArray,
+    layers: Sequence[str],
+    radar: RadarConfiguration,
+    key: tuple[np.uint32, np.uint32],
+    threads: int,
+) -> AnyArray:
+    """Power with noise and fading of layers that have nothing to do with each other."""
+    numbers = np.array([LAYERS.index(layer) for layer in layers])
     if radar.finer_pixels:
         cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
         factor = correlated_fading(mean.shape, looks, numbers, key, cell, radar.cell_shape)
@@ -279,20 +305,20 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
 
 
 def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
-    """Channels in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
+    """Layers in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
 
-    Each as "kind: what"; ``lookups``: one for each channel.
+    Each as "kind: what"; ``lookups``: one for each layer.
     """
     flat = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
     theta = flat.incidence_rad
     noise_db = float(linear_to_db(radar.noise_equivalent_sigma0(theta, flat.slant_range_m, flat.look_rad))[0])
     level_db = radar.receiver_level_db if radar.receiver == "saturation" else math.inf
     weak, strong = [], []
-    for channel, lookup in zip(radar.channels, lookups, strict=True):
+    for layer, lookup in zip(radar.layers, lookups, strict=True):
         sigma0 = [np.interp(math.degrees(theta[0]), lookup.theta_deg, row) for row in lookup.sigma0]
         cover_db = linear_to_db(np.array(sigma0))
-        weak += [channel] * bool((cover_db < noise_db).all())
-        strong += [channel] * bool((cover_db > level_db).all())
+        weak += [layer] * bool((cover_db < noise_db).all())
+        strong += [layer] * bool((cover_db > level_db).all())
     notes = []
     if weak:
         text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
@@ -321,11 +347,15 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     least, sag_m = float(looks.min()), frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
     near, far = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
     rotated = not frame.wrapped and frame.cell_of_scene is not None
+    but = ", but for HH and VV, whose phase is known" if PHASE in radar.channels else ""
     notes = {
-        "fading is correlated over the resolution cell and independent between channels": radar.finer_pixels,
-        "fading is independent between pixels and between channels": not radar.finer_pixels,
+        f"fading is correlated over the resolution cell and independent between channels{but}": radar.finer_pixels,
+        f"fading is independent between pixels and between channels{but}": not radar.finer_pixels,
         "ground outside the scene returns nothing": frame.wrapped,
         "ground outside the scene is its mirror image": not frame.wrapped,
+        "HH and VV are used by their powers; channel 'phase' would add the phase between them": (
+            {"HH", "VV"} <= set(radar.channels) and PHASE not in radar.channels
+        ),
         finer_than_cells(radar, frame.cell_m): radar.pixel_spacing_m < frame.cell_m,
         f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)": (
             radar.texture_db > 0.0

@@ -104,7 +104,7 @@ class RadarImage:
             "engine": "psm",
             "looks": [float(self.looks.min()), float(self.looks.max())],
             "noise_equivalent_sigma0_db": [round(float(noise_db.min()), 2), round(float(noise_db.max()), 2)],
-            "occasion": dict(self.occasion.record(self.radar.channels, categories)),
+            "occasion": dict(self.occasion.record(self.radar.layers, categories)),
         }
 
     def apparent_sigma0(self) -> AnyArray:

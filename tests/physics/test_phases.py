@@ -1,0 +1,238 @@
+"""The phase between HH and VV: the law of their fading, the ground's relation, and what a classifier gains by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from psm_cases import radar, scene
+from scipy.stats import ks_2samp
+from shorthands import percent_correct
+
+from seqrsm.errors import ConfigurationError
+from seqrsm.scattering.coherence import FIELD_SD, MOST, Coherence, coherence
+from seqrsm.scattering.readers import shipped_rows
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
+from seqrsm.score.bare_soil import retrieved_fields
+from seqrsm.sensor.hardware import data_rate_bit_s
+from seqrsm.simulate.radar import kernels_speckle, occasion
+from seqrsm.simulate.radar.occasion import look_up
+from seqrsm.simulate.radar.psm import simulate_radar
+
+TABLE = load_sigma0_table()
+FULL = ("HH", "HV", "VV", "phase")
+HH, VV, NOISE = 2.0, 0.5, 0.1
+COVERS = ("Wheat", "Rapeseed", "Bareground")
+
+
+def faded(relation: complex, looks: float, shape: tuple[int, int] = (100, 6000)) -> np.ndarray:
+    """HH, VV, HH + VV and HH + i VV with fading, (4, ...); noise has no phase."""
+    rng = np.random.default_rng(5)
+    mean = relation * np.sqrt(HH * VV)
+    both = np.stack([np.full(shape, 0.5 * (HH + VV) + part) for part in (mean.real, mean.imag)])
+    alone = rng.gamma(looks, 1.0 / looks, (2, *shape)) * np.array([HH + NOISE, VV + NOISE])[:, None, None]
+    out = np.empty((2, *shape))
+    rows = np.full(shape[0], NOISE), np.full(shape[0], looks)
+    ground = np.full(shape, HH), np.full(shape, VV), both
+    kernels_speckle.fade_together(*ground, *rows, rng.exponential(size=(2, *shape)), alone[0], alone[1], out)
+    return np.concatenate([alone, out]).reshape(4, -1)
+
+
+def averaged(relation: complex, looks: int, n: int = 600_000) -> np.ndarray:
+    """The same by the definition: means over looks of products of complex Gaussian waves."""
+    rng = np.random.default_rng(6)
+    waves = rng.normal(scale=np.sqrt(0.5), size=(4, looks, n, 2)) @ [1.0, 1.0j]
+    hh = np.sqrt(HH) * waves[0] + np.sqrt(NOISE) * waves[2]
+    of_hh, own = np.conj(relation) * waves[0], np.sqrt(1.0 - abs(relation) ** 2) * waves[1]
+    vv = np.sqrt(VV) * (of_hh + own) + np.sqrt(NOISE) * waves[3]
+    powers = [
+        np.mean(np.abs(w) ** 2, axis=0) for w in (hh, vv, (hh + vv) / np.sqrt(2.0), (hh + 1j * vv) / np.sqrt(2.0))
+    ]
+    return np.stack(powers)
+
+
+@pytest.mark.parametrize("relation", [0.0, 0.6 * np.exp(0.7j), -0.95])
+@pytest.mark.parametrize("looks", [1, 2, 5])
+def test_the_law_is_that_of_averaged_complex_waves(relation: complex, looks: int) -> None:
+    ours, theirs = faded(relation, looks), averaged(relation, looks)
+    np.testing.assert_allclose(ours.mean(axis=1), theirs.mean(axis=1), rtol=0.01)
+    np.testing.assert_allclose(np.cov(ours), np.cov(theirs), rtol=0.02, atol=0.02 * HH**2 / looks)
+    for one, other in zip(ours, theirs, strict=True):
+        assert ks_2samp(one[::3], other[::3]).statistic < 0.006  # 1 in 1000 of 200,000 each: 0.0062
+    product = [(1.0, 1.0j) @ (x[2:] - 0.5 * (x[0] + x[1])) / np.sqrt(x[0] * x[1]) for x in (ours, theirs)]
+    for of in (np.abs, np.angle):  # one look is coherent with itself
+        assert ks_2samp(*(np.round(of(z[::3]), 9) for z in product)).statistic < 0.006
+
+
+def test_between_whole_looks_the_moments_are_those_of_the_wishart_law() -> None:
+    """The variance of any power is its square over N, and the covariance of two the square of their mean product."""
+    relation, looks = 0.6 * np.exp(0.7j), 2.5
+    x = faded(relation, looks)
+    np.testing.assert_allclose(np.var(x, axis=1) * looks, np.square(x.mean(axis=1)), rtol=0.015)
+    shared = abs(relation) ** 2 * HH * VV / looks
+    assert np.cov(x[0], x[1])[0, 1] == pytest.approx(shared, rel=0.03)
+
+
+@pytest.mark.parametrize(("relation", "looks"), [(1.0, 1.0), (1.0, 1e6), (0.0, 1e6), (1.0j, 3.0)])
+def test_extremes_stay_finite_and_not_negative(relation: complex, looks: float) -> None:
+    x = faded(relation, looks, (10, 1000))
+    assert np.isfinite(x).all()
+    assert (x >= -1e-12).all()
+    if looks == 1e6:
+        np.testing.assert_allclose(x.std(axis=1) / x.mean(axis=1), 1e-3, rtol=0.1)
+
+
+def test_every_cover_has_a_relation() -> None:
+    rows = shipped_rows("coherence.csv")
+    assert {row.text("category") for row in rows} == {"", *TABLE.categories}
+    size = [abs(complex(float(row.text("real")), float(row.text("imaginary")))) for row in rows]
+    assert max(size) <= MOST
+    found = coherence(("Trees", "Rapeseed", "Rapeseed", "none such"), 5.4)
+    assert found.mean[0] == pytest.approx(1.0 / 3.0, abs=0.01)  # thin dipoles in all directions
+    assert found.mean[1] == found.mean[2] == 0.20 - 0.07j
+    assert coherence(("Rapeseed",), 40.0).mean[0] == 0.20 - 0.07j
+    middle = coherence(("Rapeseed",), np.sqrt(1.25 * 5.4)).mean[0]
+    assert middle == pytest.approx(0.46 - 0.135j)
+    assert found.status == ("assumed", "measured", "measured", "assumed")
+
+
+@pytest.mark.parametrize(
+    ("cover", "classes"),
+    [
+        ("Grass", ("Grass",)),
+        ("Forage", ("Lucerne",)),
+        ("Wheat", ("Wheat", "Wheat 2", "Wheat 3")),
+        ("Oats", ("Barley",)),
+        ("Vegetables", ("Stem beans", "Peas", "Beet", "Potatoes")),
+        ("Rapeseed", ("Rapeseed",)),
+        ("Trees", ("Forest",)),
+        ("Bareground", ("Bare soil",)),
+        ("Water", ("Water",)),
+        ("Buildings", ("Buildings",)),
+    ],
+)
+def test_in_l_band_covers_are_related_as_the_flight_found(cover: str, classes: tuple[str, ...]) -> None:
+    path = Path(__file__).parents[1] / "reference" / "data" / "flevoland_class_sigma0.csv"
+    flight = pd.read_csv(path, comment="#", index_col="class").loc[list(classes)]
+    relation = flight["hhvv_coherence"] * np.exp(1j * np.deg2rad(flight["hhvv_phase_deg"]))
+    assert abs(coherence((cover,), 1.25).mean[0] - relation.mean()) < 0.03
+
+
+def test_worlds_depart_by_what_is_stated_and_near_bands_by_the_same() -> None:
+    drawn = np.array([coherence(("Wheat",), f, World(3, k)).mean[0] for k in range(600) for f in (1.25, 1.4, 5.4)])
+    low, near, high = drawn.reshape(600, 3).T
+    table = coherence(("Wheat",), 1.25)
+    assert abs(low.mean() - table.mean[0]) < 4.0 * 0.1 / np.sqrt(300)
+    assert low.real.std() == pytest.approx(0.1, rel=0.12)
+    assert low.imag.std() == pytest.approx(0.1, rel=0.12)
+    assert np.corrcoef(low.real, near.real)[0, 1] > 0.97
+    assert np.corrcoef(low.real, high.real)[0, 1] == pytest.approx(0.3, abs=0.15)
+    world = World(3, 1)
+    same, moved = (coherence(COVERS, 1.25, one).mean for one in (world, replace(world, elsewhere=("Wheat",))))
+    assert same[0] != moved[0]
+    np.testing.assert_array_equal(same[1:], moved[1:])
+
+
+def test_layers_of_the_phase_are_powers_of_hh_and_vv_added() -> None:
+    ground = SimpleNamespace(categories=COVERS)
+    hh, _, vv, plus, quarter = look_up(ground, radar(channels=FULL), TABLE, (0.2, 5.0))
+    related = coherence(COVERS, 5.3)
+    for layer, sign in ((plus, 1.0), (quarter, 1j)):
+        # |a + s b|^2 / 2 = (|a|^2 + |b|^2) / 2 + Re(conj(s) a conj(b)).
+        product = np.conj(sign) * related.mean[:, None] * np.sqrt(hh.sigma0 * vv.sigma0)
+        np.testing.assert_allclose(layer.sigma0, 0.5 * (hh.sigma0 + vv.sigma0) + product.real, rtol=1e-12)
+        assert layer.status == related.status
+    assert radar(channels=FULL).layers == ("HH", "HV", "VV", "HH+VV", "HH+iVV")
+
+
+def patches(n: int = 24, cells: int = 20) -> object:
+    cover = np.kron(np.random.default_rng(2).integers(0, len(COVERS), (n, n)), np.ones((cells, cells), dtype=int))
+    field = np.kron(np.arange(n * n).reshape(n, n), np.ones((cells, cells), dtype=int))
+    return scene(np.zeros(cover.shape), 5.0, cover, field, COVERS)
+
+
+@pytest.mark.parametrize("more", [{}, {"pixel_m": 10.0}, {"texture_db": 1.0}, {"calibration_sd_db": 1.0}])
+def test_an_image_has_the_phase_of_its_ground_through_noise_and_fading(more: dict[str, float]) -> None:
+    """Mean products of HH and VV over all pixels of a cover are those of its fields, on that date."""
+    ground, sensor = patches(), radar(channels=FULL, peak_power_w=0.5, **more)  # as much noise as echo
+    image = simulate_radar(ground, sensor, TABLE, seed=1, run_id=1)
+    mean, power = image.mean_power, image.intensity
+    pixel = image.pixel_of_cell[10::20, 10::20].ravel()
+    cover = ground.cover[10::20, 10::20].ravel()
+    for k, name in enumerate(COVERS):
+        inner = pixel[cover == k]
+        for x in (mean, power):
+            hh, _, vv, *both = (layer.ravel()[inner] for layer in x)
+            own = [layer - 0.5 * (hh + vv) for layer in both]
+            true = [layer.ravel()[inner] for layer in mean]
+            relation = sum(own[0] + 1j * own[1]) / sum(np.sqrt(true[0] * true[2]))
+            error = 3.0 * FIELD_SD / np.sqrt(len(inner)) + (0.05 if x is power else 0.01)
+            assert abs(relation - coherence((name,), 5.3).mean[0]) < error + 0.01
+            assert (np.hypot(*own) <= np.sqrt(hh * vv) * (1.0 + 1e-4)).all()  # none beyond what waves can be
+
+
+def test_fields_scatter_by_their_own_relation_and_powers_are_as_without_the_phase() -> None:
+    ground = patches()
+    options = {"seed": 1, "run_id": 1}
+    full, plain = (simulate_radar(ground, radar(channels=c, fading="none"), TABLE, **options) for c in (FULL, FULL[:3]))
+    np.testing.assert_array_equal(full.mean_power[:3], plain.mean_power)
+    pixel = full.pixel_of_cell[10::20, 10::20].ravel()
+    hh, _, vv, plus, _ = (layer.ravel()[pixel] for layer in full.mean_power)
+    of_fields = (plus - 0.5 * (hh + vv)) / np.sqrt(hh * vv)
+    cover = ground.cover[10::20, 10::20].ravel()
+    spread = [of_fields[cover == k].std() for k in range(2)]  # relations of bare soil end at 1
+    np.testing.assert_allclose(spread, FIELD_SD, rtol=0.2)
+
+
+def test_covers_of_the_same_powers_are_told_apart_by_the_phase(monkeypatch: pytest.MonkeyPatch) -> None:
+    def related(categories: tuple[str, ...], *_: object) -> Coherence:
+        mean = np.array([0.6, -0.6, 0.6j])[: len(categories)]
+        return Coherence(mean, np.zeros(len(categories)), ("assumed",) * 3, ())
+
+    monkeypatch.setattr(occasion, "coherence", related)
+    names = ("Wheat", "Oats", "Rapeseed")
+    curves = dict(TABLE.curves)
+    for name in names:
+        curves[name, "spring_summer"] = replace(TABLE.curves["Wheat", "spring_summer"], category=name)
+    same = replace(TABLE, curves=curves, variability={})
+    ground = replace(patches(), categories=names)
+    score = {}
+    for channels in (FULL, FULL[:3]):
+        image = simulate_radar(ground, radar(channels=channels), same, seed=1, run_id=1)
+        score[channels] = percent_correct([image], ground, by="field", tile_m=500.0, seed=1, run_id=1).value
+    assert score[FULL[:3]] < 45.0  # a third by chance
+    assert score[FULL] > 97.0
+
+
+def test_soil_moisture_rests_on_powers_alone() -> None:
+    ground = patches(8)
+    found = []
+    for channels in (FULL, FULL[:3]):
+        sensor = radar(channels=channels, frequency_ghz=1.25, soil_moisture_field_sd=0.04, fading="none")
+        image = simulate_radar(ground, sensor, TABLE, seed=1, run_id=1)
+        found.append(retrieved_fields([image], ground, seed=1, run_id=1)[0])
+    np.testing.assert_array_equal(*found)
+
+
+def test_a_phase_costs_no_pulses_and_no_data() -> None:
+    plain, full = radar(channels=FULL[:3]), radar(channels=FULL)
+    assert full.n_transmit == plain.n_transmit == 2
+    assert data_rate_bit_s(full, 4000.0, 8000.0) == data_rate_bit_s(plain, 4000.0, 8000.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"channels": ("HH", "HV", "phase")}, "the phase is that between HH and VV .*Use HH.VV.phase"),
+        ({"channels": ("RH", "RV", "phase")}, "the phase is that between HH and VV"),
+        ({"channels": FULL, "receiver": "saturation"}, "phases need a linear receiver"),
+    ],
+)
+def test_a_phase_needs_both_channels_and_a_linear_receiver(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        radar(**changes)
