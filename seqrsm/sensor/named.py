@@ -32,7 +32,7 @@ import numpy as np
 from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from seqrsm.sensor.earth import ground_range_of_look, slant_range_of_ground
 from seqrsm.sensor.hardware import orbit_speed_m_s
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import PHASE, RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 
 _DATA: Final = Path(__file__).with_name("data")
@@ -256,7 +256,7 @@ def with_noise(radar: RadarConfiguration, noise_db: float) -> RadarConfiguration
 
 def pulses(channels: tuple[str, ...], antenna_length_m: float, speed_m_s: float) -> dict[str, Any]:
     """Pulse rate and length that sample the antenna's length once for each transmit polarization, with a tenth over."""
-    transmit = len({channel[0] for channel in channels})
+    transmit = len({channel[0] for channel in channels if channel != PHASE})
     rate = 1.1 * transmit * 2.0 * speed_m_s / antenna_length_m
     return {"prf_hz": rate, "pulse_length_us": min(5.0, 0.5e6 / rate)}
 

@@ -169,7 +169,7 @@ sensor = "BIOMASS SM SLC"
     folder = make(tmp_path / "m", X + FREQUENCY, quadratic(), model=more)
     ok("candidates", folder)
     rows = found(folder)
-    sentinel, biomass = rows["Sentinel-1 IW GRDH, VV+VH"], rows["BIOMASS SM SLC, HH+HV+VV"]
+    sentinel, biomass = rows["Sentinel-1 IW GRDH, VV+VH"], rows["BIOMASS SM SLC, HH+HV+VV+phase"]
     assert sentinel["how"] == "surface"
     assert sentinel["settings"]["frequency"] == 5.405
     assert (biomass["how"], "outside the region" in biomass["why"]) == ("none", True)
@@ -285,7 +285,7 @@ def test_dates_are_those_on_which_a_sensor_passes_and_a_set_is_taken_apart(tmp_p
     days = [330.0 + k * best["interval_days"] for k in range(int(best["dates"]))]  # on over the new year
     assert days[-1] > 366.0
     sentinel, radarsat = rows["Sentinel-1 IW GRDH, VV+VH"], rows["RADARSAT-2 Standard SGF, HH+HV"]
-    assert rows["UAVSAR L MLC, HH+HV+VV"]["dates"] == {  # flies when asked
+    assert rows["UAVSAR L MLC, HH+HV+VV+phase"]["dates"] == {  # flies when asked
         "used": pytest.approx([day - 365.0 if day >= 366.0 else day for day in days]),
         "offered": None,
     }

@@ -20,6 +20,7 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.sensor.hardware import data_rate_bit_s
+from seqrsm.sensor.named import radar_of, sensors_called
 from seqrsm.simulate.radar import kernels_speckle, occasion
 from seqrsm.simulate.radar.occasion import look_up
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -223,6 +224,10 @@ def test_a_phase_costs_no_pulses_and_no_data() -> None:
     plain, full = radar(channels=FULL[:3]), radar(channels=FULL)
     assert full.n_transmit == plain.n_transmit == 2
     assert data_rate_bit_s(full, 4000.0, 8000.0) == data_rate_bit_s(plain, 4000.0, 8000.0)
+    (named,) = sensors_called("RADARSAT-2 Fine Quad SLC")
+    both = [radar_of(named, channels, 35.0) for channels in named.channels]
+    assert [one.channels[-1] for one in both] == ["phase", "VV"]
+    assert both[0].prf_hz == both[1].prf_hz
 
 
 @pytest.mark.parametrize(
