@@ -89,6 +89,12 @@ def test_polarization_is_compared_by_channels(dossier):
     assert "HV" in row.why
     found = rows_of(dossier.spec, with_optimum(dossier, "polarization", "VV", 0.0, 0.0))
     assert found["polarization"].verdict == "agrees"
+    with_phase, without = (
+        rows_of(dossier.spec, with_optimum(dossier, "polarization", best, 0.0, 0.0))["polarization"]
+        for best in ("HH+VV+phase", "HH+VV")
+    )
+    assert (with_phase.verdict, with_phase.why) == (without.verdict, without.why)
+    assert with_phase.found.startswith("HH+VV+phase")
 
 
 @pytest.mark.parametrize("name", ["resolution", "resolution_m"])

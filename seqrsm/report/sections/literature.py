@@ -29,6 +29,7 @@ from seqrsm.report.wording import (
     with_unit,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.sensor.radar import PHASE
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import unit_factor
 
@@ -195,16 +196,17 @@ def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -
         best, found = fixed, f"{fixed}, held fixed"
     printed = ", ".join(item.levels) or NOTHING
     channels = {channel for level in item.levels for channel in level.split("+")}
-    missing = [channel for channel in best.split("+") if channel not in channels]
-    if not set(best.split("+")) <= _CHANNELS:
+    own = [channel for channel in best.split("+") if channel != PHASE]  # of which the tables say nothing
+    missing = [channel for channel in own if channel not in channels]
+    if not set(own) <= _CHANNELS:
         verdict, why = "not comparable", "not a plain set of channels"
     elif not item.levels:
         verdict, why = "nothing printed", "the tables name no channel"
-    elif any(set(level.split("+")) == set(best.split("+")) for level in item.levels):
+    elif any(set(level.split("+")) == set(own) for level in item.levels):
         verdict, why = "agrees", "required in this combination"
     elif not missing:
         verdict, why = "agrees", "every channel is required, though not together"
-    elif len(missing) < len(best.split("+")):
+    elif len(missing) < len(own):
         verdict, why = "not excluded", f"no source requires {', '.join(missing)}"
     else:
         verdict, why = "differs", f"no source requires {', '.join(missing)}"
