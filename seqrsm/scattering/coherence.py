@@ -2,7 +2,7 @@
 
 A radar that sends both polarizations knows, beside the powers of HH, HV and VV, the mean of HH times conjugate VV. It
 is given here over the root of both powers, as a complex number of magnitude below 1; HV is taken as related to neither
-(reflection symmetry). It is the same at all incidence angles and days of the year (assumed).
+(reflection symmetry). It is the same at all incidence angles; where a crop leaves soil bare it is the soil's (assumed).
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from seqrsm.scattering.worlds import World, drawn_by_frequency
 
 FIELD_SD: Final = 0.08
 """Standard deviation of either part between fields of a cover: whole fields of the L-band flight over Flevoland."""
+
+_SOIL: Final = "Bareground"
 
 MOST: Final = 0.98
 """Largest magnitude."""
@@ -49,7 +51,9 @@ class Coherence:
     notes: tuple[str, ...]
 
 
-def coherence(categories: Sequence[str], frequency_ghz: float, world: World | None = None) -> Coherence:
+def coherence(
+    categories: Sequence[str], frequency_ghz: float, world: World | None = None, closed: FloatArray | float = 1.0
+) -> Coherence:
     """Relation of HH and VV of covers, of the table or as a world has it; an unknown cover has that of most others.
 
     Parameters
@@ -58,6 +62,8 @@ def coherence(categories: Sequence[str], frequency_ghz: float, world: World | No
     frequency_ghz : float
         Above 0 [GHz]; between nodes linear over its logarithm, held beyond.
     world : World, optional
+    closed : float64 array (n_categories,) or float
+        Share of the ground that a cover hides, 0 to 1; the rest is bare soil.
     """
     mean, sd, status, notes = np.empty(len(categories), complex), np.empty(len(categories)), [], []
     for k, name in enumerate(categories):
@@ -74,6 +80,8 @@ def coherence(categories: Sequence[str], frequency_ghz: float, world: World | No
         notes.append(f"{name}: HH and VV related by {value} ({near.text('status')}: {near.text('source')})")
         if world is not None:
             mean[k] += sd[k] * complex(*_departure(world, name, frequency_ghz))
+    if np.any(np.asarray(closed) < 1.0):
+        mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world).mean
     return Coherence(limited(mean), sd, tuple(status), tuple(notes))
 
 

@@ -151,6 +151,18 @@ def test_layers_of_the_phase_are_powers_of_hh_and_vv_added() -> None:
     assert radar(channels=FULL).layers == ("HH", "HV", "VV", "HH+VV", "HH+iVV")
 
 
+def test_before_sowing_a_crop_is_related_as_bare_soil_is() -> None:
+    ground = SimpleNamespace(categories=("Corn", "Bareground", "Trees"))
+    found = {}
+    for day in (100.0, 200.0):
+        hh, vv, plus, _ = look_up(ground, radar(channels=("HH", "VV", "phase")), TABLE, (0.2, 5.0), day)
+        at = [one.sigma0[:, 40] for one in (hh, vv, plus)]
+        found[day] = (at[2] - 0.5 * (at[0] + at[1])) / np.sqrt(at[0] * at[1])
+    soil, crop = (coherence((name,), 5.3).mean[0].real for name in ("Bareground", "Corn"))
+    np.testing.assert_allclose(found[100.0], [soil, soil, found[200.0][2]], rtol=1e-6)
+    assert found[200.0][0] == pytest.approx(crop, abs=0.05)
+
+
 def patches(n: int = 24, cells: int = 20) -> object:
     cover = np.kron(np.random.default_rng(2).integers(0, len(COVERS), (n, n)), np.ones((cells, cells), dtype=int))
     field = np.kron(np.arange(n * n).reshape(n, n), np.ones((cells, cells), dtype=int))

@@ -269,11 +269,19 @@ def met_occasion(
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
-    related = coherence(scene.categories, radar.frequency_ghz, table.world)
+    related = _related(scene, radar, table, lookups[radar.layers.index("HH")], visit.day)
     departure = half_lasting(visit, "coherence", (2, len(category)), radar.frequency_ghz, **key)
     mean = related.mean[np.where(category < len(scene.categories), category, 0)]
     of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
     return _added(radar, lookups, met, related, category[parent], of_fields[parent])
+
+
+def _related(
+    scene: Scene, radar: RadarConfiguration, table: Sigma0Table, hh: Sigma0Lookup, day: float | None
+) -> Coherence:
+    """How HH and VV of the scene's categories are related on a day."""
+    closed = 1.0 if day is None or hh.course is None else 2.0 - on_day(hh.course.spread, day)
+    return coherence(scene.categories, radar.frequency_ghz, table.world, closed)
 
 
 def _added(
@@ -352,7 +360,8 @@ def look_up(
         found.append(like)
     if PHASE not in radar.channels:
         return found
-    related, hh, vv = coherence(scene.categories, radar.frequency_ghz, table.world), find("HH"), find("VV")
+    hh, vv = find("HH"), find("VV")
+    related = _related(scene, radar, table, hh, day)
     for part in (related.mean.real, related.mean.imag):
         both = added_power(hh.sigma0, vv.sigma0, part[:, None])
         found.append(replace(hh, sigma0=both, status=related.status, notes=related.notes))
