@@ -24,6 +24,7 @@ from seqrsm.sensor.named import radar_of, sensors_called
 from seqrsm.simulate.radar import kernels_speckle, occasion
 from seqrsm.simulate.radar.occasion import look_up
 from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.visits import Visit
 
 TABLE = load_sigma0_table()
 FULL = ("HH", "HV", "VV", "phase")
@@ -187,6 +188,36 @@ def test_an_image_has_the_phase_of_its_ground_through_noise_and_fading(more: dic
             error = 3.0 * FIELD_SD / np.sqrt(len(inner)) + (0.05 if x is power else 0.01)
             assert abs(relation - coherence((name,), 5.3).mean[0]) < error + 0.01
             assert (np.hypot(*own) <= np.sqrt(hh * vv) * (1.0 + 1e-4)).all()  # none beyond what waves can be
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"looks": 1.0},
+        {"looks": 1.0, "depression_angle_deg": 5.0},
+        {"depression_angle_deg": 80.0},
+        {"pixel_m": 10.0, "cell_shape": "gaussian", "resolution_m": 20.0},
+        {"heading_deg": 37.0, "range_format": "slant"},
+        {"season": "winter", "snow": "wet"},
+        {"scan": "ppi", "aperture": "real", "resolution_m": 30.0},
+        {"soil_moisture_field_sd": 0.05, "calibration_sd_db": 2.0, "texture_db": 1.0, "frequency_ghz": 10.0},
+    ],
+)
+def test_rough_ground_with_holes_has_a_phase_that_waves_can_have(more: dict[str, object]) -> None:
+    rng = np.random.default_rng(0)
+    elevation = rng.normal(0.0, 3.0, (160, 160)).cumsum(axis=0)
+    elevation[5:9, 7:9] = np.nan
+    ground = replace(patches(8), elevation_m=elevation.astype(np.float32), scored=np.isfinite(elevation))
+    options = {"seed": 3, "run_id": 1, "visit": Visit() if "season" in more else Visit((150.0, 200.0), 1)}
+    one, two = (
+        simulate_radar(ground, radar(channels=FULL, **more), TABLE.in_world(World(1, 2)), threads=n, **options)
+        for n in (1, 2)
+    )
+    np.testing.assert_array_equal(one.intensity, two.intensity)
+    hh, _, vv, *both = one.intensity.astype(np.float64)
+    product = np.hypot(*(layer - 0.5 * (hh + vv) for layer in both))
+    assert np.isfinite(product).all()
+    assert (product <= np.sqrt(hh * vv) * (1.0 + 1e-3) + 1e-6 * hh.max()).all()
 
 
 def test_fields_scatter_by_their_own_relation_and_powers_are_as_without_the_phase() -> None:
