@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.scattering.readers import Row, shipped_rows
+from seqrsm.scattering.readers import shipped_rows
 from seqrsm.scattering.worlds import World, drawn_by_frequency
 
 FIELD_SD: Final = 0.08
@@ -51,8 +52,22 @@ class Coherence:
     notes: tuple[str, ...]
 
 
+class Relation(NamedTuple):
+    """A node of a table: frequency [GHz], mean product over the root of both powers [1], its sd, what it rests on."""
+
+    frequency_ghz: float
+    mean: complex
+    mean_sd: float
+    status: str
+    source: str
+
+
 def coherence(
-    categories: Sequence[str], frequency_ghz: float, world: World | None = None, closed: FloatArray | float = 1.0
+    categories: Sequence[str],
+    frequency_ghz: float,
+    world: World | None = None,
+    closed: FloatArray | float = 1.0,
+    own: Mapping[str, Sequence[Relation]] = MappingProxyType({}),
 ) -> Coherence:
     """Relation of HH and VV of covers, of the table or as a world has it; an unknown cover has that of most others.
 
@@ -64,24 +79,24 @@ def coherence(
     world : World, optional
     closed : float64 array (n_categories,) or float
         Share of the ground that a cover hides, 0 to 1; the rest is bare soil.
+    own : Mapping
+        Nodes of covers in a user's table, frequency rising, in place of the shipped ones.
     """
     mean, sd, status, notes = np.empty(len(categories), complex), np.empty(len(categories)), [], []
+    here = math.log(frequency_ghz)
     for k, name in enumerate(categories):
-        nodes = _nodes().get(name) or _nodes()[""]
-        at = np.log([float(row.text("frequency_ghz")) for row in nodes])
-        real, imaginary, sd[k] = (
-            np.interp(math.log(frequency_ghz), at, [float(row.text(column)) for row in nodes])
-            for column in ("real", "imaginary", "mean_sd")
-        )
-        mean[k] = complex(real, imaginary)
-        near = nodes[int(np.argmin(np.abs(at - math.log(frequency_ghz))))]
-        status.append(near.text("status"))
+        nodes = own.get(name) or _shipped().get(name) or _shipped()[""]
+        at = np.log([node.frequency_ghz for node in nodes])
+        mean[k] = np.interp(here, at, np.array([node.mean for node in nodes]))
+        sd[k] = np.interp(here, at, [node.mean_sd for node in nodes])
+        near = nodes[int(np.argmin(np.abs(at - here)))]
+        status.append(near.status)
         value = f"{abs(mean[k]):.2f} at {np.angle(mean[k], deg=True):.0f} deg"
-        notes.append(f"{name}: HH and VV related by {value} ({near.text('status')}: {near.text('source')})")
+        notes.append(f"{name}: HH and VV related by {value} ({near.status}: {near.source})")
         if world is not None:
             mean[k] += sd[k] * complex(*_departure(world, name, frequency_ghz))
     if np.any(np.asarray(closed) < 1.0):
-        mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world).mean
+        mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world, 1.0, own).mean
     return Coherence(limited(mean), sd, tuple(status), tuple(notes))
 
 
@@ -102,9 +117,13 @@ def _departure(world: World, category: str, frequency_ghz: float) -> FloatArray:
 
 
 @cache
-def _nodes() -> dict[str, list[Row]]:
-    """Rows of the table by cover, frequency rising."""
-    found: dict[str, list[Row]] = defaultdict(list)
+def _shipped() -> Mapping[str, Sequence[Relation]]:
+    """The shipped table by cover, frequency rising."""
+    found: dict[str, list[Relation]] = defaultdict(list)
     for row in shipped_rows("coherence.csv"):
-        found[row.text("category")].append(row)
-    return dict(found)
+        ghz, real, imaginary, sd = (
+            float(row.text(column)) for column in ("frequency_ghz", "real", "imaginary", "mean_sd")
+        )
+        node = Relation(ghz, complex(real, imaginary), sd, row.text("status"), row.text("source"))
+        found[row.text("category")].append(node)
+    return found

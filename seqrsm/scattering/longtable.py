@@ -2,8 +2,9 @@
 
 Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, unit, status, source`` are required;
 ``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]), ``mean_sd`` (standard deviation of
-the mean [dB]; empty: by the status) and ``wind_m_s`` are optional, and so are ``moisture`` and ``snow_cm``, which must
-be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
+the mean [dB]; empty: by the status), ``wind_m_s``, ``coherence`` and ``phase_deg`` (magnitude and phase of the mean of
+HH times conjugate VV over the root of both powers) are optional, and so are ``moisture`` and ``snow_cm``, which must be
+empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
 Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
 where on gamma is.
 
@@ -18,19 +19,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.coherence import MOST, Relation
 from seqrsm.scattering.curves import THETA_DEG, Curve, continued_db, weakest
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, read_rows
 
 REQUIRED: Final = (
     "quantity", "category", "frequency_ghz", "polarization", "theta_deg", "value", "unit", "status", "source",
 )  # fmt: skip
-OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
+OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "coherence", "phase_deg", "mean_sd")
 CALENDAR: Final = tuple("day" if name == "theta_deg" else name for name in REQUIRED)
 
 EMISSIVITY_GHZ: Final = (0.3, 170.0)
@@ -40,12 +42,18 @@ _SEASONS: Final = ("spring_summer", "fall", "winter")
 K = TypeVar("K")
 
 _NO_WIND: Final = 0.0
+_PHASE: Final = ("coherence", "phase_deg")
+_PHASE_ENDS: Final = ((0.0, MOST), (-180.0, 180.0))
+_KNOWN_SD, _UNKNOWN_SD = 0.1, 0.2  # of a relation of HH and VV (assumed, as in the shipped table)
 _MOST_TOLD: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One good row at an incidence angle [deg] or a day: [dB] of sigma0, [1] of emissivity; nan where not given."""
+    """One good row at an incidence angle [deg] or a day: [dB] of sigma0, [1] of emissivity; nan where not given.
+
+    ``relation``: mean of HH times conjugate VV over the root of both powers.
+    """
 
     row: Row
     category: str
@@ -57,6 +65,7 @@ class Node:
     value: float
     sd: float
     mean_sd: float
+    relation: complex
 
 
 def read_nodes(path: str | Path, quantity: str | None) -> list[Node]:
@@ -94,8 +103,10 @@ def in_order(block: list[Node], at: str, problems: list[Problem], column: str = 
     return [] if found else sorted(block, key=lambda node: node.place)
 
 
-def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float]]:
-    """Curves by (category, season) and field-to-field standard deviation by (category, polarization).
+def read_long_table(
+    path: str | Path,
+) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float], dict[str, list[Relation]]]:
+    """Curves by (category, season), field-to-field standard deviation by (category, polarization), relations of HH, VV.
 
     Raises
     ------
@@ -113,7 +124,19 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
         groups[node.category, node.season].append(node)
     curves = {key: curve for key, group in groups.items() if (curve := _curve(key, group, problems)) is not None}
     refuse(problems, path)
-    return curves, stated(nodes, "sd", lambda node: (node.category, node.channel))
+    return curves, stated(nodes, "sd", lambda node: (node.category, node.channel)), _relations(nodes)
+
+
+def _relations(nodes: list[Node]) -> dict[str, list[Relation]]:
+    """How HH and VV are related by category, frequency rising: means over the rows of each that state it."""
+    found: dict[str, list[Relation]] = defaultdict(list)
+    given = stated(nodes, "relation", lambda node: (node.category, node.frequency_ghz))
+    for (category, ghz), mean in sorted(given.items()):
+        rows = [node.row for node in nodes if (node.category, node.frequency_ghz) == (category, ghz)]
+        status = weakest(row.text("status") for row in rows)
+        sd = _KNOWN_SD if status == "measured" else _UNKNOWN_SD
+        found[category].append(Relation(ghz, mean, sd, status, rows[0].text("source")))
+    return found
 
 
 def weights_of_nodes(nodes: Sequence[float], frequency_ghz: float) -> FloatArray:
@@ -122,13 +145,13 @@ def weights_of_nodes(nodes: Sequence[float], frequency_ghz: float) -> FloatArray
     return np.maximum(1.0 - np.abs(np.arange(len(nodes)) - place), 0.0)
 
 
-def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, float]:
-    """Mean of a standard deviation, "sd" or "mean_sd", over the nodes of each key that state it."""
-    found: dict[K, list[float]] = defaultdict(list)
+def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, Any]:
+    """Mean of "sd", "mean_sd" or "relation" over the nodes of each key that state it."""
+    found: dict[K, list[complex]] = defaultdict(list)
     for node in nodes:
         if np.isfinite(value := getattr(node, name)):
             found[key(node)].append(value)
-    return {own: float(np.mean(values)) for own, values in found.items()}
+    return {own: np.mean(values).item() for own, values in found.items()}
 
 
 def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | None:
@@ -139,7 +162,7 @@ def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | Non
         return None  # what else is wrong depends on it
     if quantity == "sigma0":
         limits, limits_ghz = {"dB": (-100.0, 40.0), "1": (1e-10, 1e4)}, (0.1, 300.0)
-        channels, states, most_sd, most_mean_sd = [*POLARIZATIONS, "VH"], ["wind_m_s", "season"], 20.0, 20.0
+        channels, states, most_sd, most_mean_sd = [*POLARIZATIONS, "VH"], ["wind_m_s", "season", *_PHASE], 20.0, 20.0
     else:
         limits, limits_ghz = {"1": (0.0, 1.0)}, EMISSIVITY_GHZ
         channels, states, most_sd, most_mean_sd = ["H", "V"], [], 0.5, 1.0
@@ -149,7 +172,8 @@ def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | Non
     row.choice("status", problems, STATUSES)
     empty = [column for column in ("category", "source") if not row.text(column)]
     problems += [row.problem(column, "empty", "Every row needs a category and a source") for column in empty]
-    others = [name for name in ("moisture", "snow_cm", "wind_m_s", "season") if row.text(name) and name not in states]
+    every = "moisture", "snow_cm", "wind_m_s", "season", *_PHASE
+    others = [name for name in every if row.text(name) and name not in states]
     problems += [row.problem(name, "a table by this state is not supported", "Leave it empty") for name in others]
     stated = {column for column in (*states, "sd", "mean_sd") if row.text(column)}
     season = row.choice("season", problems, _SEASONS) if "season" in stated else _SEASONS[0]
@@ -160,12 +184,16 @@ def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | Non
     sd = row.number("sd", problems, 0.0, most_sd) if "sd" in stated else np.nan
     mean_sd = row.number("mean_sd", problems, 0.0, most_mean_sd) if "mean_sd" in stated else np.nan
     value = row.number("value", problems, *limits.get(unit, (-np.inf, np.inf)))
+    relation = complex(np.nan)
+    if any(name in stated for name in _PHASE):
+        size, turn = (row.number(name, problems, *ends) for name, ends in zip(_PHASE, _PHASE_ENDS, strict=True))
+        relation = size * complex(np.exp(1j * np.deg2rad(turn)))
     if len(problems) > before:
         return None
     if quantity == "sigma0" and unit == "1":
         value = float(10.0 * np.log10(value))
     channel = "HV" if channel == "VH" else channel
-    return Node(row, row.text("category"), season, frequency, wind, channel, place, value, sd, mean_sd)
+    return Node(row, row.text("category"), season, frequency, wind, channel, place, value, sd, mean_sd, relation)
 
 
 def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> Curve | None:

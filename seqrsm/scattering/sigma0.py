@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -21,6 +21,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, on_day, share_of_c
+from seqrsm.scattering.coherence import Relation
 from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, shipped_curves, weakest
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
@@ -113,6 +114,8 @@ class Sigma0Table:
         Correlation of the field-to-field draws of two channels.
     file : str
         The user's file, or "" for the shipped table.
+    relations : Mapping
+        How HH and VV of the user's categories are related, where the file says so.
     world : World or None
         The world whose means are looked up; None: the table's own.
     calendar : Calendar
@@ -123,6 +126,7 @@ class Sigma0Table:
     variability: Mapping[tuple[str, str], Variability]
     channel_correlation: float
     file: str = ""
+    relations: Mapping[str, Sequence[Relation]] = field(default_factory=dict)
     world: World | None = None
     calendar: Calendar = SHIPPED
 
@@ -401,7 +405,7 @@ def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
     shipped = _shipped_table()
     if path is None:
         return shipped
-    curves, field_sd_db = read_long_table(path)
+    curves, field_sd_db, relations = read_long_table(path)
     replaced = {category for category, _ in curves}
     variability = dict(shipped.variability)
     for key, sd in field_sd_db.items():
@@ -410,4 +414,4 @@ def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
             (sd, sd), date, f"field sd {sd:g} dB (from {Path(path).name}), date sd {date:g} dB (assumed)"
         )
     kept = {key: curve for key, curve in shipped.curves.items() if key[0] not in replaced}
-    return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, str(path))
+    return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, str(path), relations)

@@ -13,8 +13,9 @@ from psm_cases import radar, scene
 from scipy.stats import ks_2samp
 from shorthands import percent_correct
 
-from seqrsm.errors import ConfigurationError
+from seqrsm.errors import ConfigurationError, ScatteringDataError
 from seqrsm.scattering.coherence import FIELD_SD, MOST, Coherence, coherence
+from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import shipped_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
@@ -162,6 +163,57 @@ def test_before_sowing_a_crop_is_related_as_bare_soil_is() -> None:
     soil, crop = (coherence((name,), 5.3).mean[0].real for name in ("Bareground", "Corn"))
     np.testing.assert_allclose(found[100.0], [soil, soil, found[200.0][2]], rtol=1e-6)
     assert found[200.0][0] == pytest.approx(crop, abs=0.05)
+
+
+HEADER = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,coherence,phase_deg"
+
+
+def own_table(
+    folder: Path, *cells: str, quantity: str = "sigma0", channels: tuple[str, ...] = ("HH", "HV", "VV")
+) -> Path:
+    """Soybean at 1.25 and 5 GHz, -10 dB; ``cells``: coherence and phase of the rows of each frequency."""
+    unit = "-10,dB" if quantity == "sigma0" else "0.9,1"
+    lines = [
+        f"{quantity},Soybean,{ghz},{channel},{theta},{unit},measured,ours,{own}"
+        for ghz, own in zip(("1.25", "5"), cells, strict=True)
+        for channel in channels
+        for theta in ("20", "60")
+    ]
+    path = folder / "own.csv"
+    path.write_text("\n".join([HEADER, *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_table_of_ones_own_may_tell_the_relation(tmp_path: Path) -> None:
+    table = load_sigma0_table(own_table(tmp_path, "0.6,90", "0.4,-60"))
+    ground = SimpleNamespace(categories=("Soybean", "Wheat"))
+    for ghz, expected in ((1.25, 0.6j), (5.0, 0.4 * np.exp(-1j * np.pi / 3.0)), (2.5, 0.1 + 0.3j - 0.1j * 3**0.5)):
+        hh, vv, *both = look_up(ground, radar(channels=("HH", "VV", "phase"), frequency_ghz=ghz), table, (0.2, 5.0))
+        own = [(one.sigma0 - 0.5 * (hh.sigma0 + vv.sigma0)) / np.sqrt(hh.sigma0 * vv.sigma0) for one in both]
+        np.testing.assert_allclose(own[0][:, 40], [expected.real, coherence(("Wheat",), ghz).mean[0].real], atol=1e-9)
+        np.testing.assert_allclose(own[1][0, 40], expected.imag, atol=1e-9)
+    assert both[0].status == ("measured", "measured")
+    drawn = [coherence(("Soybean",), 1.25, World(1, k), 1.0, table.relations).mean[0].real for k in range(300)]
+    assert np.std(drawn) == pytest.approx(0.1, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("cells", "quantity", "words"),
+    [
+        ("1.2,0", "sigma0", "coherence: not a number from 0 to 0.98"),
+        ("0.5,400", "sigma0", "phase_deg: not a number from -180 to 180"),
+        (",40", "sigma0", "coherence: not a number"),
+        ("0.5,40", "emissivity", "coherence: a table by this state is not supported"),
+    ],
+)
+def test_impossible_relations_are_told_with_their_line(tmp_path: Path, cells: str, quantity: str, words: str) -> None:
+    channels, read = (
+        (("HH", "HV", "VV"), load_sigma0_table) if quantity == "sigma0" else (("H", "V"), load_emissivity_table)
+    )
+    path = own_table(tmp_path, cells, cells, quantity=quantity, channels=channels)
+    with pytest.raises(ScatteringDataError, match=words) as caught:
+        read(path)
+    assert caught.value.problems[0].line == 2
 
 
 def patches(n: int = 24, cells: int = 20) -> object:

@@ -22,7 +22,7 @@ import dataclasses
 import itertools
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache, partial
 from pathlib import Path
@@ -39,7 +39,6 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 from shorthands import percent_correct  # noqa: E402
 
-from seqrsm.scattering.coherence import Coherence  # noqa: E402
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table  # noqa: E402
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  # noqa: E402
 from seqrsm.scene.layers import categories_of_fields  # noqa: E402
@@ -272,26 +271,16 @@ def own_occasion(variant: str, occasion: Occasion, channels: tuple[str, ...]) ->
 @lru_cache(maxsize=3)
 def table(variant: str) -> Sigma0Table:
     """Class means of the flight, the same at every angle, as a user's own table."""
-    lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,sd,unit,status,source"]
+    lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,sd,unit,status,source,coherence,phase_deg"]
     for channel in ("HH", "HV", "VV"):
         for row, spread in zip(class_rows(), field_spread_db(channel), strict=True):
             value, sd = row[f"{channel.lower()}_dB"], 0.0 if variant == "even fields" else spread
-            rest = f"{value},{sd},dB,measured,AIRSAR"
+            rest = f"{value},{sd},dB,measured,AIRSAR,{row['hhvv_coherence']},{row['hhvv_phase_deg']}"
             lines += [f"sigma0,{row['class']} (flight),1.25,{channel},{theta},{rest}" for theta in (0, 75)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flevoland.csv"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return load_sigma0_table(path)
-
-
-def flight_coherence(categories: Sequence[str], *_: object) -> Coherence:
-    """How HH and VV of the flight's classes are related, as measured."""
-    rows = {f"{row['class']} (flight)": row for row in class_rows()}
-    size, turn = (
-        np.array([float(rows[name][column]) for name in categories]) for column in ("hhvv_coherence", "hhvv_phase_deg")
-    )
-    n = len(categories)
-    return Coherence(size * np.exp(1j * np.deg2rad(turn)), np.zeros(n), ("measured",) * n, ())
 
 
 def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> float:
@@ -312,7 +301,6 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
     )
     known = scene(0) if variant == "labels' edges" else scene()
     found = []
-    occasion.coherence = flight_coherence
     if variant.startswith("own"):
         occasion.draw_occasion = lambda *given, **more: own_occasion(
             variant, draw_occasion(*given, **more), radar.channels

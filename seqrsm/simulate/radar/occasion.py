@@ -281,7 +281,7 @@ def _related(
 ) -> Coherence:
     """How HH and VV of the scene's categories are related on a day."""
     closed = 1.0 if day is None or hh.course is None else 2.0 - on_day(hh.course.spread, day)
-    return coherence(scene.categories, radar.frequency_ghz, table.world, closed)
+    return coherence(scene.categories, radar.frequency_ghz, table.world, closed, table.relations)
 
 
 def _added(
