@@ -104,6 +104,15 @@ def test_every_cover_has_a_relation() -> None:
     assert found.status == ("assumed", "measured", "measured", "assumed")
 
 
+def test_away_from_nodes_less_is_known() -> None:
+    """As of a random walk over the octaves, tied at the nodes: two of them 2.11 octaves apart."""
+    octaves = np.log2(5.4 / 1.25)
+    for ghz, walked in ((1.25, 0.0), (np.sqrt(1.25 * 5.4), octaves / 4.0), (21.6, 2.0), (5.5, np.log2(5.5 / 5.4))):
+        found = coherence(("Rapeseed",), ghz)
+        assert found.mean_sd[0] == pytest.approx(np.hypot(0.1, np.sqrt(0.017 * walked)))
+        assert found.status == (("assumed",) if ghz == 21.6 else ("measured",))
+
+
 @pytest.mark.parametrize(
     ("cover", "classes"),
     [
