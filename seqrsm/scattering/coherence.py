@@ -25,7 +25,8 @@ FIELD_SD: Final = 0.08
 """Standard deviation of either part between fields of a cover: whole fields of the L-band flight over Flevoland."""
 
 _SOIL: Final = "Bareground"
-_DRIFT: Final = 0.017  # variance of either part in an octave: six crops differ by 0.24 rms from L to C, two grounds by 0.14
+_DRIFT: Final = 0.017
+"""Variance of either part in an octave: six crops differ by 0.24 rms from L to C band, two grounds by 0.14."""
 _BESIDE_OCTAVES: Final = 0.1  # so near a node what it rests on holds
 
 MOST: Final = 0.98
