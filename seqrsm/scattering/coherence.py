@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -99,7 +99,7 @@ def coherence(
         value = f"{abs(mean[k]):.2f} at {np.angle(mean[k], deg=True):.0f} deg"
         notes.append(f"{name}: HH and VV related by {value} ({status[-1]}: {near.source})")
         if world is not None:
-            mean[k] += sd[k] * complex(*_departure(world, name, frequency_ghz))
+            mean[k] += sd[k] * complex(*_departure(world.seed, world.numbers(name)[1], name, frequency_ghz))
     if np.any(np.asarray(closed) < 1.0):
         mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world, 1.0, own).mean
     return Coherence(limited(mean), sd, tuple(status), tuple(notes))
@@ -115,10 +115,10 @@ def added_power(first: AnyArray, second: AnyArray, part: AnyArray) -> AnyArray:
     return np.asarray(0.5 * (first + second) + part * np.sqrt(first * second))
 
 
-def _departure(world: World, category: str, frequency_ghz: float) -> FloatArray:
+@lru_cache(maxsize=256)  # asked for by look-ups and by fields
+def _departure(seed: int, number: int, category: str, frequency_ghz: float) -> FloatArray:
     """Standard normal (2,) of a cover in a world."""
-    number = world.numbers(category)[1]
-    return drawn_by_frequency(world.seed, number, f"world coherence {category}", (2,), frequency_ghz)
+    return drawn_by_frequency(seed, number, f"world coherence {category}", (2,), frequency_ghz)
 
 
 @cache
