@@ -130,27 +130,32 @@ def _departures_db(
         expected = _db(at + noise)
         found[c] = _db(shown)[:, None] - [np.interp(FINE, GRID, column) for column in expected.T]
     area = np.maximum(np.bincount(inner[inner >= 0], minlength=len(kind)), 1) * scene.cell_m**2
-    n_looks = looks * np.maximum(area / (image.range_spacing_m * image.azimuth_spacing_m), 1.0)
+    n_looks = looks * np.maximum(area / image.radar.resolution_m**2, 1.0)
     of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
     covariance = np.empty((len(kind), len(power), len(power)))
     for a, one in enumerate(steps[0]):
         for b, other in enumerate(steps[0]):
             related = 1.0 if a == b else one.channel_correlation
             covariance[:, a, b] = related * ((one.field_sd_db * other.field_sd_db)[kind] + of_parts)
-        covariance[:, a, a] += _DB**2 / n_looks
+        covariance[:, a, a] += _DB**2 * scipy.special.polygamma(1, n_looks)
     return found, covariance
 
 
 def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:
-    """Whether a cell's pixel (rows, columns) lies, with those around it, in one field: none gets another's echo."""
-    pixel = image.pixel_of_cell
+    """Whether a cell (rows, columns) and all within a resolution cell are of one field: none gets another's echo."""
+    pixel, radar = image.pixel_of_cell, image.radar
     known = pixel >= 0
     field = np.full(image.intensity[0].size, -1, dtype=np.int64)
     field[pixel[known]] = scene.field_id[known]
-    field[pixel[known & (scene.field_id != field[pixel])]] = -1  # of several fields
+    field[pixel[known & (scene.field_id != field[pixel])]] = scene.n_fields  # of several fields
     square = field.reshape(image.intensity.shape[1:])
-    inside = (scipy.ndimage.minimum_filter(square, 3) == scipy.ndimage.maximum_filter(square, 3)) & (square >= 0)
-    return np.asarray(known & inside.ravel()[pixel])
+    # Of pixels finer than the scene's cells most hold none.
+    reach = math.ceil(max(radar.resolution_m, scene.cell_m) / radar.pixel_spacing_m - 1e-9)
+    highest = scipy.ndimage.maximum_filter(square, 2 * reach + 1)
+    lowest = scipy.ndimage.minimum_filter(np.where(square < 0, scene.n_fields, square), 2 * reach + 1)
+    inside = (lowest == highest) & (highest < scene.n_fields)
+    beside = scipy.ndimage.minimum_filter(known, 2 * math.ceil(radar.resolution_m / scene.cell_m - 1e-9) + 1)
+    return np.asarray(beside & inside.ravel()[pixel])
 
 
 def _db(power: FloatArray) -> FloatArray:

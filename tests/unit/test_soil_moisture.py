@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import integrate, sparse, stats
+from scipy import integrate, sparse, special, stats
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
@@ -20,7 +20,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.bare_soil import _departures_db, _tables, retrieved_fields
+from seqrsm.score.bare_soil import _away_from_edges, _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
     _costs,
@@ -244,10 +244,10 @@ def bare_and_wooded(layer: bool = False):
     return replace(s, soil_moisture=wet.astype(np.float32) if layer else None)
 
 
-def radar_image(s, table, run_id=1, frequency=5.4, polarization="HH+VV", **more):
+def radar_image(s, table, run_id=1, frequency=5.4, polarization="HH+VV", resolution=20.0, **more):
     given = {"soil_moisture_field_sd": 0.04, "soil_moisture_region_sd": 0.045, **more}
     radar = from_settings(
-        {"frequency": frequency, "polarization": polarization, "resolution": 20.0, "depression_angle": 50.0},
+        {"frequency": frequency, "polarization": polarization, "resolution": resolution, "depression_angle": 50.0},
         {"bandwidth": 80.0, "peak_power": 3000.0, "altitude_m": 6000.0, **given},
     )
     return simulate_radar(s, radar, table, seed=5, run_id=run_id)
@@ -304,11 +304,50 @@ def test_a_bare_field_departs_by_roughness_its_parts_and_speckle() -> None:
     hh, vv = (table.lookup(["Bareground"], 5.4, channel) for channel in ("HH", "VV"))
     row = found.pixel_of_cell[place == 0] // found.intensity.shape[2]
     parts, looks = 2.0**2 / (80.0**2 / 40.0**2), found.looks[row].mean() * 80.0**2 / 20.0**2
-    speckle = (10.0 / np.log(10.0)) ** 2 / looks
+    speckle = (10.0 / np.log(10.0)) ** 2 * special.polygamma(1, looks)  # variance of the logarithm of a gamma variate
     own = [sd**2 + parts + speckle for sd in (hh.field_sd_db[0], vv.field_sd_db[0])]
     assert covariance[0].diagonal() == pytest.approx(own, rel=1e-5)
     both = hh.channel_correlation * (hh.field_sd_db[0] * vv.field_sd_db[0] + parts)
     assert covariance[0, 0, 1] == covariance[0, 1, 0] == pytest.approx(both, rel=1e-5)
+
+
+@pytest.mark.parametrize("more", [{"pixel_m": 4.0}, {"range_format": "slant"}])
+def test_pixels_do_not_change_how_much_speckle_a_field_has(more) -> None:
+    """A resolution cell holds its looks, whatever the spacing of the pixels that show it."""
+    one = np.zeros((SIDE, SIDE), dtype=int)
+    s = replace(land(("Bareground",), one), field_id=one.astype(np.int32))
+    place = np.full(one.shape, -1, dtype=np.int32)
+    place[70:78, 70:78] = 0
+    variances = []
+    for changes in ({}, more):
+        found = radar_image(s, load_sigma0_table(), looks=1.0, **changes)
+        _, covariance = _departures_db(found, s, place, np.array([0]), _tables(found, s))
+        variances.append(covariance[0, 0, 0])
+    assert variances[1] == pytest.approx(variances[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("more", [{"pixel_m": 5.0}, {"resolution": 5.0}])
+def test_pixels_finer_than_the_scenes_cells_tell_of_moisture_too(more) -> None:
+    """Most of them hold no cell. Over 16 runs pixels of 20 m have a skill of 0.24, those of 5 m had 0.09: a guess."""
+    s, skills = bare_and_wooded(), []
+    for run in range(6):
+        for changes in ({}, more):
+            found = radar_image(s, load_sigma0_table(), run, **changes)
+            skills.append(score_moisture([found], s, SKILL, seed=5, run_id=run).value)
+            value, unit = retrieved_fields([found], s, 5, run)
+            assert len(np.unique(value)) > 0.9 * len(np.unique(unit[unit >= 0]))
+    assert np.mean(skills[1::2]) > np.mean(skills[::2]) - 0.05
+
+
+def test_ground_beside_a_hole_is_not_compared() -> None:
+    """Beside ground without data a pixel holds less echo, which is not that of drier soil."""
+    s = bare_and_wooded()
+    holed = s.elevation_m.copy()
+    holed[40:48, 40:48] = np.nan
+    found = radar_image(replace(s, elevation_m=holed, scored=np.isfinite(holed)), load_sigma0_table(), pixel_m=5.0)
+    inside = _away_from_edges(found, s)
+    assert inside[:38, :38].any()
+    assert not inside[38:50, 38:50].any()
 
 
 def test_what_lies_beside_small_bare_fields_does_not_outshine_them() -> None:
