@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import SHIPPED, Calendar, season_depth
 from seqrsm.scattering.curves import THETA_DEG, shares_of
@@ -144,10 +144,26 @@ class EmissivityLookup:
 
     def at_angles(self, theta_deg: ArrayLike) -> FloatArray:
         """Emissivity (n_categories, n_moistures, ...) at look angles, linear between whole degrees."""
-        position = np.minimum(np.asarray(theta_deg, dtype=np.float64), THETA_DEG[-1])
-        k = np.minimum(position.astype(np.int64), THETA_DEG.size - 2)
-        part = position - k
+        k, part = _whole_degrees(theta_deg)
         return np.asarray((1.0 - part) * self.emissivity[:, :, k] + part * self.emissivity[:, :, k + 1])
+
+    def of_mixtures(self, share: FloatArray, theta_deg: FloatArray, nodes: Sequence[int]) -> FloatArray:
+        """Emissivity (..., n) at angles (...) [deg] of ground with shares (..., n_categories), at some moisture nodes.
+
+        With one node only if nothing here depends on moisture.
+        """
+        k, part = _whole_degrees(theta_deg)
+        table = np.moveaxis(self.emissivity[:, list(nodes)] if self.emissivity.shape[1] > 1 else self.emissivity, -1, 0)
+        table = np.ascontiguousarray(table)
+        above = share * part[..., None]
+        return np.asarray(((share - above)[..., None, :] @ table[k] + above[..., None, :] @ table[k + 1])[..., 0, :])
+
+
+def _whole_degrees(theta_deg: ArrayLike) -> tuple[IntArray, FloatArray]:
+    """Place on `THETA_DEG` at or before angles [deg], and the part of the way to the next."""
+    position = np.minimum(np.asarray(theta_deg, dtype=np.float64), THETA_DEG[-1])
+    k = np.minimum(position.astype(np.int64), THETA_DEG.size - 2)
+    return k, position - k
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,8 @@ Optimal estimation (Rodgers 2000, Inverse Methods for Atmospheric Sounding, ch. 
 that expected from the brightness of its footprints, given what the table of emissivity says of their covers at each
 moisture, how far fields, dates and the table's own means depart from that, the temperature of the ground and its error,
 the receiver's noise, and how moist the ground can be. The vegetation over the soil is tau-omega
-(`seqrsm.scattering.emissivity`). What the ground is without the image is told by its cover, temperature and air. Where
-brightness says nothing, what is left is the guess: the mean.
+(`seqrsm.scattering.emissivity`). What the ground is without the image is told by its cover, slope, temperature and air.
+Where brightness says nothing, what is left is the guess: the mean.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score.evidence import seen_pixels
-from seqrsm.simulate.radiometer.frame import make_radiometer_frame, surface_temperature_k
+from seqrsm.simulate.radiometer.frame import local_angle_deg, make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import air_over, lookups_of
 from seqrsm.simulate.radiometer.result import RadiometerImage
@@ -32,7 +32,7 @@ from seqrsm.simulate.visits import region_spread
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedGround:
-    """The ground of each footprint, as a map of covers and a weather service would tell it.
+    """The ground of each footprint, as maps of covers and elevations and a weather service would tell it.
 
     Attributes
     ----------
@@ -40,6 +40,8 @@ class ExpectedGround:
         Of each cover in a footprint, by a Gaussian beam; 0 of all where no cell is.
     temperature_k : float64 array (n_samples, n_lines)
         Physical temperature [K], without what the date and the fields add.
+    angle_deg : float64 array (n_samples, n_lines)
+        Mean angle from the normal of the ground at which it is seen [deg].
     lookups : list of EmissivityLookup
         The table's own means, one for each channel.
     air : float64 array (3, n_samples)
@@ -52,6 +54,7 @@ class ExpectedGround:
 
     share: FloatArray
     temperature_k: FloatArray
+    angle_deg: FloatArray
     lookups: list[EmissivityLookup]
     air: FloatArray
     planck_k: float
@@ -73,22 +76,23 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     where = pixel[known].astype(np.int64)
     code = where * n_categories + scene.cover[known]
     counts = np.bincount(code, minlength=n_pixels * n_categories).reshape(n_pixels, n_categories)
-    warm = np.bincount(where, kelvin[known], minlength=n_pixels)
+    turned = local_angle_deg(scene, frame.quarter_turns, radiometer.altitude_m, radiometer.conical_incidence_deg)
+    sums = [np.bincount(where, layer[known], minlength=n_pixels) for layer in (turned, kelvin)]
     # A beam of half-power width w is a Gaussian of standard deviation 0.42 w.
     scan = image.scan
     reach = 0.42 * np.array([scan.beamwidth_rad / scan.step_rad, radiometer.footprint_m[1] / scan.advance_m])
-    both = np.column_stack([counts.astype(np.float64), warm]).reshape(*image.brightness_k.shape[1:], -1)
+    both = np.column_stack([counts.astype(np.float64), *sums]).reshape(*image.brightness_k.shape[1:], -1)
     spread = scipy.ndimage.gaussian_filter(both, (*reach, 0.0))
-    total = np.maximum(spread[..., :-1].sum(axis=-1), 1e-9)
+    total = np.maximum(spread[..., :-2].sum(axis=-1), 1e-9)
     kelvin_of = np.where(spread[..., -1] > 0.0, spread[..., -1] / total, 300.0)
     planck_k = radiometer.planck_used_k
-    share, sky = spread[..., :-1] / total[..., None], air_over(radiometer, planck_k)
+    share, sky = spread[..., :-2] / total[..., None], air_over(radiometer, planck_k)
     looks, height = np.abs(scan.look_rad), scan.height_m
     air = np.array([sky.upwelling_k(looks, height), sky.transmission(looks, height), sky.sky_k(looks)])
     sizes = np.bincount(scene.field_id[known]).astype(np.float64)
     of_footprint = max(int(known.sum()), 1) / max(int((counts.sum(axis=1) > 0).sum()), 1)
     together = max(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)) / of_footprint, 1.0)
-    return ExpectedGround(share, kelvin_of, lookups, air, planck_k, together)
+    return ExpectedGround(share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, together)
 
 
 GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
@@ -130,13 +134,13 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     spread = region_spread(scene, radiometer)
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    dry, wet = np.moveaxis(_expected_k(image, ground, slice(None), [0, len(MOISTURE_NODES) - 1]), -1, 0)
+    dry, wet = np.moveaxis(_expected_k(ground, slice(None), [0, len(MOISTURE_NODES) - 1]), -1, 0)
     slope = (wet - dry) / (MOISTURE_NODES[-1] - MOISTURE_NODES[0])
     together, apart = (_covariance(image, ground, slope, common=both) for both in (True, False))
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
     below, part = _between_nodes(np.array(middle))
-    low, high = np.moveaxis(_expected_k(image, ground, slice(None), [int(below), int(below) + 1]), -1, 0)
+    low, high = np.moveaxis(_expected_k(ground, slice(None), [int(below), int(below) + 1]), -1, 0)
     away = (image.brightness_k - (low + part * (high - low))).reshape(len(slope), -1)
     share = ground.share.reshape(n_pixels, -1)
     seen = np.isfinite(away).all(axis=0) & (share.sum(axis=1) > 0.0)
@@ -188,7 +192,7 @@ def _costs(
     for first in range(0, n_samples, some):
         own = slice(first, min(first + some, n_samples))
         pixels = slice(own.start * n_lines, own.stop * n_lines)
-        away = image.brightness_k[:, own, :, None] - _expected_k(image, ground, own, range(len(MOISTURE_NODES)))
+        away = image.brightness_k[:, own, :, None] - _expected_k(ground, own, range(len(MOISTURE_NODES)))
         if level_k is not None:
             away -= level_k[:, pixels].reshape(*away.shape[:-1], 1)
         away = _whitened(away, covariance[own])
@@ -208,14 +212,13 @@ def _between_nodes(moisture: FloatArray) -> tuple[AnyArray, FloatArray]:
     return k, place - k
 
 
-def _expected_k(image: RadiometerImage, ground: ExpectedGround, own: slice, nodes: Sequence[int]) -> FloatArray:
+def _expected_k(ground: ExpectedGround, own: slice, nodes: Sequence[int]) -> FloatArray:
     """Brightness (n_channels, samples, n_lines, n) of footprints of some samples at some of `MOISTURE_NODES` [K]."""
     up, through, sky = ground.air[:, own, None, None]
     warm = radiation_equivalent_k(ground.temperature_k[own], ground.planck_k)[..., None]
     out = np.empty((len(ground.lookups), *ground.temperature_k[own].shape, len(nodes)))
     for layer, lookup in zip(out, ground.lookups, strict=True):
-        of_cover = np.moveaxis(lookup.at_angles(np.degrees(np.abs(image.scan.look_rad[own]))), -1, 0)
-        e = ground.share[own] @ (of_cover[..., list(nodes)] if of_cover.shape[-1] > 1 else of_cover)
+        e = lookup.of_mixtures(ground.share[own], ground.angle_deg[own], nodes)
         layer[:] = up + through * (e * warm + (1.0 - e) * sky)
     return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
 

@@ -14,6 +14,7 @@ from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.temperature import time_exposure
+from seqrsm.scene.terrain import slopes
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
@@ -63,18 +64,23 @@ def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, pre
     turns = radiometer.quarter_turns
     elevation, cover, field, mean_m = _layers(scene, turns, precision)
     n, height_m = len(elevation), radiometer.altitude_m - mean_m
-    incidence = math.radians(radiometer.conical_incidence_deg)
-    across_m = np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64)
     return RadiometerFrame(
         elevation_m=elevation,
         cover=cover,
         field=field,
-        across_m=across_m,
-        away_m=np.full(n, height_m * math.tan(incidence)) if radiometer.conical else across_m,
+        across_m=_away_m(n, scene.cell_m, height_m, 0.0),
+        away_m=_away_m(n, scene.cell_m, height_m, radiometer.conical_incidence_deg),
         height_m=height_m,
         cell_m=scene.cell_m,
         quarter_turns=turns,
     )
+
+
+def _away_m(n: int, cell_m: float, height_m: float, incidence_deg: float) -> FloatArray:
+    """`RadiometerFrame.away_m` of so many rows, of a conical scan at an incidence angle [deg] or of a sweep, 0."""
+    if incidence_deg > 0.0:
+        return np.full(n, height_m * math.tan(math.radians(incidence_deg)))
+    return np.asarray((np.arange(n) - 0.5 * (n - 1)) * cell_m, dtype=np.float64)
 
 
 # The layers do not depend on the run, so the runs of a campaign share them.
@@ -84,6 +90,21 @@ def _layers(scene: Scene, turns: int, precision: str) -> tuple[AnyArray, AnyArra
     _, mean_m, _ = known_heights(scene)
     elevation, cover, field = turned(scene, turns, precision)
     return elevation, levelled(elevation, cover, mean_m), field, mean_m
+
+
+@lru_cache(maxsize=2)
+def local_angle_deg(scene: Scene, turns: int, altitude_m: float, incidence_deg: float) -> AnyArray:
+    """Angle between a radiometer's line of sight and the normal of the ground, float32 (rows, cols) [deg].
+
+    Quarter turns of its frame, altitude [m], and the incidence angle of a conical scan [deg], 0 of a sweep.
+    """
+    elevation, _, _, mean_m = _layers(scene, turns, "float32")
+    away_m = _away_m(len(elevation), scene.cell_m, altitude_m - mean_m, incidence_deg)[:, None]
+    along, back = slopes(elevation, scene.cell_m)
+    drop, outward = altitude_m - mean_m - elevation, -back * np.where(away_m < 0.0, -1.0, 1.0)
+    away_m = np.abs(away_m)
+    cosine = (drop + away_m * outward) / np.sqrt((away_m**2 + drop**2) * (1.0 + along**2 + outward**2))
+    return np.rot90(np.rad2deg(np.arccos(np.clip(cosine, 0.0, 1.0))).astype(np.float32), -turns)
 
 
 def surface_temperature_k(
