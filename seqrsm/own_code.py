@@ -31,15 +31,14 @@ def own_function(name: str) -> Callable[..., Any]:
     Raises
     ------
     Exception
-        Whatever the import of the module raises, for the caller to tell; TypeError for what is no function.
+        Whatever the import of the module raises, for the caller to tell; TypeError where it has no such function.
     """
     module, _, function = name.rpartition(":")
-    if file_of(name):
-        found = getattr(_module(module, Path(module).stat().st_mtime_ns), function)
-    else:
-        found = getattr(importlib.import_module(module), function)
+    own = file_of(name)
+    holder = _module(module, Path(module).stat().st_mtime_ns) if own else importlib.import_module(module)
+    found = getattr(holder, function, None)
     if not callable(found):
-        raise TypeError(f"{function} is no function")
+        raise TypeError(f"the module has no function {function}")
     return found  # type: ignore[no-any-return]
 
 

@@ -17,7 +17,7 @@ from seqrsm.campaign.simulation import NO_RUN, SimulationTask, scene_at, score_i
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text, with_units
 from seqrsm.design.region import Region
-from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
+from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, SceneError, UserError
 from seqrsm.files import see_writable
 from seqrsm.progress import tell
 from seqrsm.scene.scene import Scene
@@ -159,9 +159,10 @@ def simulated(
             raise UserError("no such mask", remedy, field="--mask", value=mask)
         scene = scene_at(task.scene)
         return Simulated(campaign, task, scene, simulate_images(task, scene, threads=threads), number)
-    except (ConfigurationError, ScatteringDataError) as error:
+    except (ConfigurationError, ScatteringDataError, SceneError) as error:
+        of_sensor = {name for one in ENGINES.values() for name in one.parameters} - task.settings.keys()
         problems = (
-            fixed_problem(spec, one) if one.file is None and one.field in task.fixed else one for one in error.problems
+            fixed_problem(spec, one) if one.file is None and one.field in of_sensor else one for one in error.problems
         )
         raise type(error)(*problems) from error
 

@@ -92,7 +92,11 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
     item = _gdal_items(tags.get(_GDAL_METADATA), place)
     scale, offset = _number(item.get("scale")) or 1.0, _number(item.get("offset")) or 0.0
     epsg = None if keys.get(_PROJECTED_CS) in (0, _USER_DEFINED) else keys.get(_PROJECTED_CS)
-    raster = Raster(values, *placement, epsg, _number(tags.get(_NODATA)), scale, offset)
+    nodata = _number(tags.get(_NODATA))
+    if nodata is not None and values.dtype.kind == "f":
+        with np.errstate(over="ignore"):  # -1.8e308 in a file of single precision stands for -inf
+            nodata = float(values.dtype.type(nodata))
+    raster = Raster(values, *placement, epsg, nodata, scale, offset)
     _check_units(raster, keys, item.get("unittype", ""), layer, file)
     return raster
 

@@ -177,7 +177,7 @@ def _scene(given: Mapping[str, str | Path], height: Raster, **layers: Any) -> Sc
             file = str(given.get(layer)) if layer else None
             if layer == "elevation":
                 wild = _wildest(height)
-                remedy = f"Set the no-data value in the file, for instance: gdal_edit.py -a_nodata {wild:g} {file}"
+                remedy = f"Set the no-data value in the file, for instance: gdal_edit.py -a_nodata {wild!r} {file}"
                 # A value that stands for none is one; many are elevations in another unit.
                 if (height.values == wild).mean() < 0.01 * (abs(height.values) > HIGHEST_M).mean():
                     command = f"gdal_calc.py -A {file} --calc=A/100. --outfile metres.tif"
@@ -310,9 +310,10 @@ def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | N
     Points outside the raster take ``beyond``, or hold the rim's value where it is None.
     """
     out = np.empty((len(y), len(x)), dtype=np.float32)
-    for first in range(0, len(y), _ROWS_AT_ONCE):
-        own = slice(first, first + _ROWS_AT_ONCE)
-        out[own] = _bilinear_rows(raster, x, y[own])
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers so wild that the scene is refused for them
+        for first in range(0, len(y), _ROWS_AT_ONCE):
+            own = slice(first, first + _ROWS_AT_ONCE)
+            out[own] = _bilinear_rows(raster, x, y[own])
     if beyond is not None:
         left, bottom, right, top = raster.bounds
         out[~((y >= bottom) & (y <= top))[:, None] | ~((x >= left) & (x <= right))[None, :]] = beyond

@@ -296,21 +296,38 @@ def _normalised(pattern: FloatArray) -> FloatArray:
 
 def _measured_integral(path: str) -> FloatArray:
     """Running integral of a pattern read from CSV: angle in half-power beamwidths, linear power gain."""
+    name, field, columns = Path(path).name, "beam_file", ["angle_beamwidths", "gain"]
+    remedy = f"Give columns {','.join(columns)}: rising angles and a power ratio >= 0, not dB, in at least 5 rows"
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-        header = [cell.strip() for cell in rows[0]]
-    except (OSError, ValueError, IndexError, csv.Error) as error:
-        raise ConfigurationError(f"not a readable pattern: {error}", file=path, field="beam_file") from error
-    wrong = header != ["angle_beamwidths", "gain"] or table.ndim != 2 or len(table) < 5
-    wrong = wrong or not np.isfinite(table).all() or bool(np.abs(table[:, 0]).max() > _MOST_BEAMWIDTHS)
-    if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].any():
-        text = "a pattern has columns angle_beamwidths (rising) and gain (a power ratio, not dB; >= 0), at least 5 rows"
-        raise ConfigurationError(text, file=Path(path).name, field="beam_file")
-    n = math.ceil(float(np.abs(table[:, 0]).max()) * BEAM_STEPS_A_WIDTH)
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigurationError(f"not a readable pattern: {error}", remedy, file=path, field=field) from error
+    if not rows or [cell.strip() for cell in rows[0][1]] != columns:
+        line, header = rows[0] if rows else (1, [])
+        raise ConfigurationError(
+            "no antenna pattern", remedy, file=name, line=line, field=field, value=",".join(header)
+        )
+    points: list[tuple[float, float]] = []
+    problems = []
+    for line, row in rows[1:]:
+        try:
+            angle, gain = map(float, row)
+        except ValueError:
+            angle = gain = math.nan
+        if not (abs(angle) <= _MOST_BEAMWIDTHS and 0.0 <= gain < math.inf and (not points or angle > points[-1][0])):
+            problems.append(Problem("not a point of a pattern", remedy, name, line, field, ",".join(row)))
+        else:
+            points.append((angle, gain))
+    if not problems and (len(points) < 5 or max(gain for _, gain in points) == 0.0):
+        problems.append(Problem("too few points of a pattern, or all 0", remedy, name, field=field))
+    if problems:
+        raise ConfigurationError(*problems)
+    angles, gains = np.array(points).T
+    n = math.ceil(float(np.abs(angles).max()) * BEAM_STEPS_A_WIDTH)
     u = np.arange(-n, n + 1) / BEAM_STEPS_A_WIDTH
-    return _normalised(np.interp(u, table[:, 0], table[:, 1], left=0.0, right=0.0))
+    return _normalised(np.interp(u, angles, gains, left=0.0, right=0.0))
 
 
 def smeared(integral: FloatArray, smear: float) -> FloatArray:

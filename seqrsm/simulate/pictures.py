@@ -227,7 +227,7 @@ def greytones(picture: Picture, scales: Mapping[str, GreyScale] | None = None) -
             planes.append(np.zeros(plane.shape, dtype=np.uint8))
             continue
         with np.errstate(divide="ignore"):
-            density = film_density(np.where(np.isfinite(plane), plane, 0.0))
+            density = film_density(np.fmax(plane, 0.0))
         black, white = np.log10(scale.black), np.log10(scale.white)
         tone = np.rint(greytone(density, black, 0.0, picture.n_bits, 10.0 * (white - black)))
         planes.append(to_levels(tone * (255.0 / (2**picture.n_bits - 1)), 8))

@@ -112,7 +112,7 @@ from seqrsm.spec.tables import (
     StoreTable,
     Table,
 )
-from seqrsm.spec.toml_lines import key_lines
+from seqrsm.spec.toml_lines import key_lines, line_of
 
 SPEC_NAME = "campaign.toml"
 MAX_BYTES = 1_000_000
@@ -385,9 +385,9 @@ def _content_hash(single: Mapping[str, Table], repeated: Mapping[str, Sequence[T
 
 
 def placed(spec: CampaignSpec, problem: Problem, *path: str | int) -> Problem:
-    """A problem with the place of a key in ``campaign.toml``."""
+    """A problem with the place of a key in ``campaign.toml``, or of the table that it is missing from."""
     file = spec.folder / SPEC_NAME
-    return replace(problem, file=str(file), line=key_lines(file.read_text(encoding="utf-8-sig")).get(path))
+    return replace(problem, file=str(file), line=line_of(key_lines(file.read_text(encoding="utf-8-sig")), path))
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:

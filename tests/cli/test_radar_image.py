@@ -117,8 +117,10 @@ def test_a_users_receiver_may_lie_beside_the_campaign(campaign):
     (folder / "bent.py").write_text("import numpy as np\nhalf = lambda p: 0.5 * p\nroot = np.sqrt\n")
     got = arrays(folder)["intensity_w"]
     np.testing.assert_allclose(got, np.sqrt(0.5 * plain["intensity_w"].astype(float)), rtol=1e-5)
-    (folder / "bent.py").write_text("half = 3\nroot = 4\n")
-    refused(folder, "bent.py", "no function")
+    (folder / "bent.py").write_text("half = 3\n")
+    refused(folder, "bent.py", "the module has no function half")
+    (folder / "bent.py").write_text("half = abs\n")
+    refused(folder, "bent.py", "the module has no function root")
 
 
 def test_a_wrong_value_is_told_with_its_line(campaign):
@@ -128,6 +130,9 @@ def test_a_wrong_value_is_told_with_its_line(campaign):
         place = next(k for k, line in enumerate(lines, start=1) if line.startswith(name))
         refused(folder, f"campaign.toml:{place}: [simulator.fixed] {name}")
     refused(folder, "Give a whole number from 0 to 32")
+    folder = campaign("i_c_w = 1e-12\n")  # what is missing stands in no line but that of its table
+    place = (folder / "campaign.toml").read_text().splitlines().index("[simulator.fixed]") + 1
+    refused(folder, f"campaign.toml:{place}: [simulator.fixed] i_qc")
 
 
 def test_winds_that_the_table_lacks_are_refused_before_a_run_draws_them(campaign):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -254,6 +256,18 @@ def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
     cells = np.squeeze(tifffile.imread(folder / "image.tif"))
     footprint = arrays["pixel_of_cell"]
     np.testing.assert_allclose(cells[footprint >= 0], kelvin.ravel()[footprint[footprint >= 0]], rtol=1e-6)
+
+
+def test_a_picture_of_noise_alone_says_nothing_about_logarithms(folder):
+    text = TOML.replace('polarization = "H+V"', 'polarization = "V"\ntemperature = "layer"')
+    text = re.sub(r"noise_temperature = .*", "noise_temperature = 1e5", text)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    place = text.splitlines().index('temperature = "layer"') + 1
+    assert f"campaign.toml:{place}: " in call("image", folder, "--out", folder / "i.png", code=2).stderr
+    (folder / "campaign.toml").write_text(text.replace('"layer"', '"constant"'), encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        call("image", folder, "--out", folder / "i.png")
 
 
 def test_sensors_that_moisture_is_not_retrieved_by_together_are_refused_before_any_simulation(folder, monkeypatch):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import warnings
 
 import numpy as np
 import pytest
@@ -284,6 +286,35 @@ def test_problems_of_a_layer_name_its_raster(files, tmp_path):
     files["elevation"] = write(tmp_path / "z.tif", np.abs(values) % 50, 10.0)
     with pytest.raises(SceneError, match=r"z\.tif: soil_moisture"):
         import_scene(**files, layers={"moisture": files["elevation"]})
+
+
+def test_a_value_for_no_data_is_told_so_that_it_can_be_set(files, tmp_path):
+    """-3.40282e+38 is another number than what a raster of single precision holds, and setting it would not help."""
+    values = tifffile.imread(files["elevation"])
+    values[3, 4] = np.finfo(np.float32).min
+    for told in ("-3.40282e+38", "-3.4028234663852886e+38"):
+        files["elevation"] = write(tmp_path / "void.tif", values, 10.0, nodata=told)
+        if told == "-3.40282e+38":
+            with pytest.raises(SceneError, match=re.escape("gdal_edit.py -a_nodata -3.4028234663852886e+38 ")):
+                import_scene(**files)
+    assert np.isnan(import_scene(**files).elevation_m).any()
+
+
+@pytest.mark.parametrize(
+    ("wild", "dtype", "nodata"),
+    [(-np.inf, np.float32, "-1.7976931348623157e+308"), (1e300, np.float64, "1e300"), (-1e300, np.float64, None)],
+)
+def test_the_wildest_numbers_are_no_data_or_refused_without_a_librarys_word(files, tmp_path, wild, dtype, nodata):
+    values = tifffile.imread(files["elevation"]).astype(dtype)
+    values[3, 4] = wild
+    files["elevation"] = write(tmp_path / "wild.tif", values, 10.0, nodata=nodata)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if nodata is None:
+            with pytest.raises(SceneError, match=r"wild\.tif: elevation_m: .* lie outside"):
+                import_scene(**files)
+        else:
+            assert np.isnan(import_scene(**files).elevation_m).any()
 
 
 def test_nothing_known_is_refused(files, tmp_path):
