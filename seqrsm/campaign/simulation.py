@@ -25,7 +25,7 @@ from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
-from seqrsm.score.evidence import TILE_M, Image
+from seqrsm.score.evidence import Image, tile_m
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
@@ -435,12 +435,14 @@ def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
         remedy = "Use a scene with at least two covers, or a utility that needs one, such as soil_moisture_error."
         raise SpecError(text, remedy, file=str(spec.scene_path))
     # A field larger than a tile is divided by the tiles.
+    assert spec.simulator is not None
+    side_m = tile_m(scene, radar=spec.simulator.engine == "psm")
     small = [(k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1]]
     return tuple(
         f"{scene.categories[k]} is one field of {area / 1e4:.3g} ha, not taught where it is tested: "
         "it is wrong at every setting. Give its code another cover, or none, in the legend"
         for k, area in small
-        if area <= TILE_M**2
+        if area <= side_m**2
     )
 
 

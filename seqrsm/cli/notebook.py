@@ -165,7 +165,7 @@ class Campaign:
         folder : str or Path
             A new or empty folder.
         factors : Mapping
-            For each name a range ``(low, high)``, a list of values or levels, or the keys of a ``[[factor]]``:
+            For each name a range ``(low, high)``, a list or array of values or levels, or the keys of a ``[[factor]]``:
             ``{"low": 1.25, "high": 9.6, "unit": "GHz", "scale": "log"}``.
         half_width : float
             Target half-width of the interval at the optimum, in score units.

@@ -401,8 +401,10 @@ def parts_of_width(analysis: Analysis) -> str:
 
 
 def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
-    """Return the interval's two parts, sampling error and table uncertainty; ``""`` where there are flights."""
+    """Return the interval's two parts, sampling error and table uncertainty; ``""`` with flights or no interval."""
     best = analysis.optimum
+    if best.ground is not None and not math.isfinite(best.whole.half_width):
+        return ""
     if best.ground is None:
         if any(source != "simulation" for source in analysis.data.sources):
             return ""

@@ -60,7 +60,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     """
     base = finest(images)
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
-    unit, counts, _ = fields_of(pixels, scene, tile_m(base, scene))
+    unit, counts, _ = fields_of(pixels, scene, tile_m(scene, radar=True))
     tables = [_tables(image, scene) for image in images]
     steps = [[look for one in at for look in one] for at in zip(*tables, strict=True)]  # the channels of all images
     first, last = (np.array([look.sigma0[:, 40] for look in steps[k]]) for k in (0, -1))

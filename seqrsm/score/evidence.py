@@ -29,7 +29,7 @@ from seqrsm.units import LN10_OVER_10
 Image: TypeAlias = RadarImage | RadiometerImage
 
 TILE_M = 250.0
-"""Side of a tile of a radar's image [m]: about the size of a farm's block of fields."""
+"""Side of a tile of a radar's image [m], half that of a scene of less than 500 m: about a farm's block of fields."""
 
 TILES_ACROSS = 8
 """Tiles along the shorter side of the scene, of a radiometer's."""
@@ -138,7 +138,8 @@ def evidence_of(
     counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
     seen = None if by == "field" else pixels.seen
     if by == "field":
-        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m(base, scene))
+        side = tile_m(scene, radar=isinstance(base, RadarImage))
+        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, side)
     elif by == "segment":
         segment = _segments(images, base, pixels)
         layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
@@ -205,7 +206,7 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
     A pixel belongs to the tile of its centre, or inside a field to the tile of the field's first pixel: no field is
     taught in one half and tested in the other. A field larger than a tile is divided by the tiles.
     """
-    side = tile_m(image, scene)
+    side = tile_m(scene, radar=isinstance(image, RadarImage))
     kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
     if (scene, side) not in kept:
         kept.clear()
@@ -270,9 +271,10 @@ def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> Non
     tile[inside] = first[own]
 
 
-def tile_m(image: Image, scene: Scene) -> float:
-    """Side of a tile [m]."""
-    return TILE_M if isinstance(image, RadarImage) else min(scene.shape) * scene.cell_m / TILES_ACROSS
+def tile_m(scene: Scene, *, radar: bool) -> float:
+    """Side of a tile of a radar's image, or of a radiometer's [m]: whatever the scene, there is more than one."""
+    sides = [cells * scene.cell_m for cells in scene.shape]
+    return min(TILE_M, 0.5 * max(sides)) if radar else min(sides) / TILES_ACROSS
 
 
 @lru_cache(maxsize=6)

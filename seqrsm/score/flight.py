@@ -148,18 +148,21 @@ class _Reader(CellReader):
             if "run_id" not in self.columns:
                 self.add("no column tells the runs", f"Rename the column '{ids}' to 'run_id'.", line, "run_id")
         super().missing(line)
-        if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
+        counts, percent = {"n", "correct"} <= self.columns.keys(), any(one.is_percent for one in self.measures.values())
+        if "score" not in self.columns and not (counts and percent):
             free = self.free_columns()
             near = [name for name in free if "score" in name.casefold() or "percent" in name.casefold()]
-            counts = [name for name in free if "correct" in name.casefold()]
-            hint = "Add it, or n and correct (counts: correct of n cases)."
+            correct = [name for name in free if "correct" in name.casefold()]
+            hint = "Add it, or n and correct (counts: correct of n cases)." if percent else "Add it."
+            if counts:
+                hint = "Add it: n and correct make a percentage, and no application here is one."
             if free:
                 hint = f"Rename the column that contains them to 'score'; unknown columns: {', '.join(free)}."
             if near:
                 hint = f"Rename the column '{near[0]}' to 'score'."
-            elif counts:
-                percent = f"Rename the column '{counts[0]}' to 'score' if it contains percentages"
-                hint = f"{percent}; counts are two columns, n and correct."
+            elif correct:
+                rename = f"Rename the column '{correct[0]}' to 'score' if it contains percentages"
+                hint = f"{rename}; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
     def near(self, block: str) -> tuple[tuple[str, str], ...]:

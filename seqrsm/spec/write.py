@@ -39,7 +39,7 @@ def create_campaign(folder: Path, tables: Mapping[str, Any]) -> None:
 
 
 def factor_tables(factors: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Tables of factors: a tuple of two numbers is a range, a list its values or levels, a mapping the keys themselves.
+    """Tables of factors: a tuple of two numbers is a range, a list or array its values or levels, a mapping the keys.
 
     Raises
     ------
@@ -47,7 +47,8 @@ def factor_tables(factors: Mapping[str, Any]) -> list[dict[str, Any]]:
         Anything else.
     """
     tables = []
-    for name, given in factors.items():
+    for name, value in factors.items():
+        given = value.tolist() if hasattr(value, "tolist") else value  # an array or a column of a table
         if isinstance(given, Mapping):
             keys = dict(given)
         elif isinstance(given, tuple) and len(given) == 2 and not any(isinstance(one, str) for one in given):

@@ -48,6 +48,14 @@ def own(tmp_path, tiny_scene):
     return make
 
 
+def test_scores_that_are_all_alike_have_no_interval_and_no_parts_of_one(own) -> None:
+    """The summary had: "± no error estimate: ..., combines ± no error estimate: ... of sampling error"."""
+    told = call("run", own("return 50.0"), "--max-runs", 12, code=3)
+    assert "All scores are equal" in told
+    assert "combines" not in told
+    assert "\u00b1\u00a0no" not in told
+
+
 def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # found beside campaign.toml from anywhere
     folder = own("return float(len(image.radar.channels)) + 0.001 * run_id")

@@ -286,7 +286,12 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
 def test_all_kinds_of_tables_are_written_as_they_were_meant(tmp_path: Path) -> None:
     c = seqrsm.Campaign.create(
         tmp_path / "m",
-        factors={"a_b": [1, 2.5, 4], "c": (np.float64(0.5), np.int64(3)), "pol": ("HH", "VV", "HV")},
+        factors={
+            "a_b": [1, 2.5, 4],
+            "c": (np.float64(0.5), np.int64(3)),
+            "pol": np.array(["HH", "VV", "HV"]),
+            "d": pd.Series([1, 2, 4]),
+        },
         half_width=2,
         application={
             "name": "yield",
@@ -302,7 +307,7 @@ def test_all_kinds_of_tables_are_written_as_they_were_meant(tmp_path: Path) -> N
     assert (spec.seed, spec.model.order, spec.stop.max_runs) == (7, 1, 30)
     assert spec.description == 'He said "no" \\ yes\n\x7f'
     assert spec.applications[0].prior.optimum["c"].doubt == 0.3
-    assert [factor.name for factor in spec.factors] == ["a_b", "c", "pol"]
+    assert [factor.name for factor in spec.factors] == ["a_b", "c", "pol", "d"]
     with pytest.raises(SpecError):
         seqrsm.Campaign(tmp_path / "nothing")
 

@@ -216,6 +216,17 @@ def test_bad_files(read, content, line, column, says):
     assert problem.remedy
 
 
+@pytest.mark.parametrize(("more", "says"), [("", "Add it."), (",n,correct", "n and correct make a percentage, and no")])
+def test_counts_are_no_score_where_no_application_is_a_percentage(read, more, says):
+    """It was told row by row that the cell of the score is empty, of which there was no column."""
+    with pytest.raises(ScoresFileError) as caught:
+        read(f"{HEADER.removesuffix(',score')}{more}\n1,4,HH{',9,5' if more else ''}\n", [Measure("ice", unit="dB")])
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.message) == (1, "score", "there is no column of scores")
+    assert says in problem.remedy
+    assert "or n" not in problem.remedy
+
+
 def test_all_problems_at_once(read):
     with pytest.raises(ScoresFileError) as caught:
         read(HEADER + "\nx,4,HH,50\n1,4,XX,500\n1,4,HH,50\n1,y,HH,\n")
