@@ -1,7 +1,8 @@
 """Moisture of bare fields retrieved from a radar's backscatter, whose roughness is not known.
 
-Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture,
-within what fields and their parts differ by (their roughness above all), dates and the table's own means, and speckle.
+Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture and
+on the slopes of the ground, which are known, within what fields and their parts differ by (their roughness above all),
+dates and the table's own means, and speckle.
 Pixels at the edge of a field are left out, since trees and crops beside bare soil outshine it, most of all at HV.
 """
 
@@ -20,9 +21,10 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import fields_of, finest, layers_of, pixels_of, tile_m
+from seqrsm.score.evidence import fields_of, finest, pixels_of, tile_m
 from seqrsm.sensor.radar import PHASE
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
+from seqrsm.simulate.radar.psm import expected_image
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.visits import region_spread
 from seqrsm.units import linear_to_db
@@ -117,22 +119,27 @@ def _departures_db(
     """
     pixel, n_azimuth = image.pixel_of_cell, image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
-    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), layers_of(image)[: len(steps[0])]])
+    assert image.table is not None
+    # Slopes change the echo by decibels: it is compared with that of the same ground as the table has it.
+    middle, _ = nominal_ground_state(image.radar)
+    usual = expected_image(scene, image.radar, image.table.in_world(None), image.day)
+    ratio = image.intensity / np.maximum(usual.intensity, 1e-9 * float(usual.intensity.max()) or 1.0)
+    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), ratio.reshape(len(ratio), -1)[: len(steps[0])]])
     inner = np.where(_away_from_edges(image, scene), of_cell, np.int32(-1))
-    theta, noise, looks, *power = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
-    found = np.empty((len(power), len(kind), len(FINE)))
-    for c, shown in enumerate(power):
+    theta, noise, looks, *shown = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
+    found = np.empty((len(shown), len(kind), len(FINE)))
+    for c, over in enumerate(shown):
         at = np.empty((len(GRID), len(kind)))
         for line, step in zip(at, steps, strict=True):
             for k in np.unique(kind):
                 mine = kind == k
                 line[mine] = np.interp(theta[mine], step[c].theta_deg, step[c].sigma0[k])
-        expected = _db(at + noise)
-        found[c] = _db(shown)[:, None] - [np.interp(FINE, GRID, column) for column in expected.T]
+        change = [np.interp(FINE, GRID, column) - np.interp(middle, GRID, column) for column in _db(at + noise).T]
+        found[c] = _db(over)[:, None] - change
     area = np.maximum(np.bincount(inner[inner >= 0], minlength=len(kind)), 1) * scene.cell_m**2
     n_looks = looks * np.maximum(area / image.radar.resolution_m**2, 1.0)
     of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
-    covariance = np.empty((len(kind), len(power), len(power)))
+    covariance = np.empty((len(kind), len(shown), len(shown)))
     for a, one in enumerate(steps[0]):
         for b, other in enumerate(steps[0]):
             related = 1.0 if a == b else one.channel_correlation

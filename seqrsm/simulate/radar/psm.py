@@ -36,7 +36,7 @@ from seqrsm.simulate.radar.echo import (
 )
 from seqrsm.simulate.radar.fading import correlated_fading, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
-from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up, met_occasion
+from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up, met_occasion, nominal_ground_state
 from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
@@ -99,6 +99,21 @@ def simulate_radar(
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
     image = _form_image(sums, scene, radar, frame, grid, registration, occasion, speckle, notes, threads)
     return replace(image, table=table, day=visit.day)
+
+
+def expected_image(scene: Scene, radar: RadarConfiguration, table: Sigma0Table, day: float | None) -> RadarImage:
+    """Image without fading of ground that is as the table has it on a day of the year, in the middle of its states.
+
+    What maps of covers and elevations tell of an image beforehand: cultural targets are not on them.
+    """
+    frame, grid, registration = _geometry(scene, radar, "float32")
+    state = nominal_ground_state(radar)
+    lookups = look_up(scene, radar, table, state, day)
+    nothing = np.zeros((len(lookups), len(scene.categories)))
+    occasion = Occasion(*state, nothing, nothing[:, :0])
+    sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion))
+    still, unused = replace(radar, fading="none"), (np.uint32(0), np.uint32(0))
+    return _form_image(sums, scene, still, frame, grid, registration, occasion, unused, (), 1)
 
 
 @cached_by_thread(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
