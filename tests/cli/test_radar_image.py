@@ -220,7 +220,9 @@ def test_a_file_of_cultural_targets(campaign):
         "row,column,cross_section_dbm2\n1,2,3\n1,b,3\n": ["targets.csv:3", "1,b,3"],
         "row,column,cross_section_dbm2,lobe_deg\n1,2,3,0\n": ["targets.csv:2", "lobe"],
         "row,column,cross_section_dbm2\n1,2,500\n": ["targets.csv:2", "120 dBm2"],
-        "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900"],
+        "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900", "[simulator.fixed] targets_file"],
+        "row,column,cross_section_dbm2,height_m\n1,2,3,1e200\n": ["targets.csv:2", "1,2,3,1e200", "1000 m of height"],
+        "row;column;cross_section_dbm2\n1;2;3\n": ["targets.csv:1", "separated by commas"],
         "": ["empty"],
     }.items():
         csv.write_text(text)

@@ -24,6 +24,8 @@ from seqrsm.simulate.radar.frame import RadarFrame
 MOST_DBM2: Final = 120.0
 """Largest cross section either way [dB over 1 m2]: ships and corner reflectors have 80 at most."""
 
+_HEIGHTS_M: Final = (-100.0, 1000.0)  # from a ship in a lock to the tallest building
+
 
 @dataclass(frozen=True, slots=True)
 class CulturalTarget:
@@ -36,7 +38,7 @@ class CulturalTarget:
     cross_section_dbm2 : float
         Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2], -120 to 120.
     height_m : float
-        Of its scattering centre over the ground [m].
+        Of its scattering centre over the ground [m], -100 to 1000.
     directions_deg : tuple of float
         Bearings from true north in which it is specular, seen from the target [deg]; empty: isotropic.
     lobe_deg : float
@@ -45,7 +47,7 @@ class CulturalTarget:
     Raises
     ------
     SceneError
-        A lobe without width, a value that is not finite, or a cross section out of range.
+        A lobe without width, a value that is not finite, or a cross section or height out of range.
     """
 
     row: int
@@ -61,8 +63,12 @@ class CulturalTarget:
             not all(math.isfinite(x) for x in numbers)
             or self.lobe_deg <= 0.0
             or abs(self.cross_section_dbm2) > MOST_DBM2
+            or not _HEIGHTS_M[0] <= self.height_m <= _HEIGHTS_M[1]
         ):
-            remedy = f"Give finite numbers, {-MOST_DBM2:g} to {MOST_DBM2:g} dBm2 and a lobe wider than 0 deg"
+            heights = f"{_HEIGHTS_M[0]:g} to {_HEIGHTS_M[1]:g} m of height"
+            remedy = (
+                f"Give {-MOST_DBM2:g} to {MOST_DBM2:g} dBm2, {heights}, finite directions and a lobe wider than 0 deg"
+            )
             raise SceneError("an impossible cultural target", remedy, field="targets", value=str(self))
 
     def cross_section_m2(self, bearing_deg: float) -> float:
@@ -103,7 +109,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     read = {**_REQUIRED, **_OPTIONAL}
     if not _REQUIRED.keys() <= set(header) <= read.keys() or len(set(header)) < len(header):
         text = "its columns are not those of cultural targets" if header else "the file is empty"
-        remedy = f"Give {', '.join(_REQUIRED)}, and where needed {', '.join(_OPTIONAL)}"
+        remedy = f"Give {', '.join(_REQUIRED)}, and where needed {', '.join(_OPTIONAL)}, separated by commas"
         raise SceneError(text, remedy, file=name, line=1)
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
@@ -122,7 +128,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
             )
             problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(line)))
         except SceneError as error:
-            problems += [replace(problem, file=name, line=number) for problem in error.problems]
+            problems += [replace(one, file=name, line=number, value=",".join(line)) for one in error.problems]
     if problems:
         raise SceneError(*problems)
     return tuple(targets)
@@ -139,7 +145,7 @@ def check_targets(targets: Sequence[CulturalTarget], scene_shape: tuple[int, int
     outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
     if outside:
         text, remedy = "the target lies outside the scene", f"Rows are 0 to {rows - 1}, columns 0 to {cols - 1}"
-        raise SceneError(*(Problem(text, remedy, field="targets", value=(t.row, t.column)) for t in outside))
+        raise SceneError(*(Problem(text, remedy, field="targets_file", value=(t.row, t.column)) for t in outside))
 
 
 def add_targets(
