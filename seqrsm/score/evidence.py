@@ -29,10 +29,10 @@ from seqrsm.units import LN10_OVER_10
 Image: TypeAlias = RadarImage | RadiometerImage
 
 TILE_M = 250.0
-"""Side of a tile of a radar's image [m], half that of a scene of less than 500 m: about a farm's block of fields."""
+"""Side of a tile [m], half that of a scene of less than 500 m: about the size of a farm's block of fields."""
 
 TILES_ACROSS = 8
-"""Tiles along the shorter side of the scene, of a radiometer's."""
+"""Tiles of a radiometer's image along the shorter side of a scene of 2 km and more."""
 
 WINDOW = 7
 """Side of the neighbourhood [pixels]."""
@@ -274,7 +274,8 @@ def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> Non
 def tile_m(scene: Scene, *, radar: bool) -> float:
     """Side of a tile of a radar's image, or of a radiometer's [m]: whatever the scene, there is more than one."""
     sides = [cells * scene.cell_m for cells in scene.shape]
-    return min(TILE_M, 0.5 * max(sides)) if radar else min(sides) / TILES_ACROSS
+    wanted = TILE_M if radar else max(TILE_M, min(sides) / TILES_ACROSS)
+    return min(wanted, 0.5 * max(sides))
 
 
 @lru_cache(maxsize=6)
