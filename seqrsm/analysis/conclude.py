@@ -125,7 +125,7 @@ def analyse(
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
     looked = draws
-    if spec.stop_of(application.name).loss is not None and (sampler, n_draws) != ("exact", LOOK_DRAWS):
+    if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # a loss is told with the draws of a look, or two would be told
         looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
     posterior = summarise_posterior(spec, fitted, estimate, draws, looked, taken_off)
     loss = posterior.expected_regret

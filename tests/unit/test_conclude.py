@@ -298,13 +298,15 @@ def test_the_rule_asks_for_more_runs_where_the_surface_is_likely_no_quadratic(na
         assert as_found(StopRule(), fitted, narrow.optimum.point).acting_terms == terms
 
 
-def test_an_expected_loss_has_a_limit_that_every_look_holds_it_against_alike(tmp_path: Path) -> None:
+def test_an_expected_loss_is_that_of_the_look_with_and_without_a_limit(tmp_path: Path) -> None:
     """Other draws of the posterior had the report say "continue" of what `run` had stopped."""
     text = specification(numeric(2)).replace("[stop]", "[stop]\nloss = LIMIT")
     scores = bowl(POINTS) + NOISE
-    (free,) = campaign(tmp_path / "free", text.replace("loss = LIMIT\n", ""), POINTS, scores).analyse_all(n_draws=1000)
+    unlimited = campaign(tmp_path / "free", text.replace("loss = LIMIT\n", ""), POINTS, scores)
+    (free,), (told,) = unlimited.analyse_all(n_draws=1000), unlimited.analyse_all(n_draws=300, sampler="emcee")
     assert "loss" not in {check.name for check in free.decision.checks}
     loss = free.posterior.expected_regret
+    assert told.posterior.expected_regret == loss  # the report's table of looks says the same as its summary
     for limit in (0.999 * loss, 1.001 * loss):
         limited = campaign(tmp_path / f"{limit}", text.replace("LIMIT", repr(limit)), POINTS, scores)
         looks = [limited.analyse_all(n_draws=n, sampler=how)[0] for n, how in ((1000, "exact"), (300, "emcee"))]
