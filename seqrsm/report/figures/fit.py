@@ -58,9 +58,8 @@ def residual_paints(analysis: Analysis) -> tuple[tuple[str, Callable[[Axes], Non
     if np.count_nonzero(known) < 3:
         return ()
     fitted, label = analysis.scale.to_score(analysis.fit.fitted), score_label(analysis)
-    texts = [text for text, shown in zip(run_texts(analysis, studentised, "residual"), known, strict=True) if shown]
-    runs = analysis.data.run_ids[known].astype(np.float64)
-    y = studentised[known]
+    ids, y = analysis.data.run_ids[known], studentised[known]
+    texts, runs = run_texts(ids, y, "residual"), ids.astype(np.float64)
     return (
         ("Residuals against fitted score", partial(_paint_residuals, fitted[known], y, f"fitted {label}", texts)),
         ("Residuals against normal quantiles", partial(_paint_normal, analysis.fit)),

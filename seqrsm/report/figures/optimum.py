@@ -13,7 +13,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.plain import heading
 from seqrsm.report.blocks import PanelData
@@ -127,9 +127,9 @@ def _cloud(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
     return thinned(posterior.optimum_points), thinned(posterior.optimum_values[:, None])[:, 0]
 
 
-def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
+def run_texts(runs: IntArray, values: FloatArray, what: str) -> list[str]:
     """Run and value of every mark, in words."""
-    return [f"run {run}: {what} {value:.4g}" for run, value in zip(analysis.data.run_ids.tolist(), values, strict=True)]
+    return [f"run {run}: {what} {value:.4g}" for run, value in zip(runs.tolist(), values, strict=True)]
 
 
 def paint_slice(analysis: Analysis, line: Line, scores: tuple[float, float], axes: Axes) -> None:
@@ -172,7 +172,7 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     cut = bool(np.any(np.abs(analysis.data.points[:, line.index]) > 1.0 + 1e-9))  # runs outside the region; else whole
     size = _sized(9, len(line.run_x))
     marks = axes.scatter(line.run_x, line.run_score, color=drawing.MUTED, zorder=1.9, clip_on=cut, **size)
-    drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
+    drawing.tell(marks, run_texts(line.run_ids, line.run_score, "score here"))
     _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
@@ -201,7 +201,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     )
     marks = axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     if np.all(np.isfinite(shown)):
-        drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
+        drawing.tell(marks, run_texts(line.run_ids, line.run_score, "score here"))
     best = analysis.optimum.settings[factor.name]
     labels = [shortened(label, 20) for label in level_labels(factor)]
     here = factor.levels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
@@ -225,9 +225,7 @@ def slice_data(analysis: Analysis, line: Line) -> PanelData:
     gap = (math.nan,) * 4
     rows += [
         ("run, moved to the slice", level, float(score), *gap, "", int(run))
-        for level, score, run in zip(
-            _natural(factor, line.run_x), line.run_score, analysis.data.run_ids.tolist(), strict=True
-        )
+        for level, score, run in zip(_natural(factor, line.run_x), line.run_score, line.run_ids.tolist(), strict=True)
     ]
     names = ("score", "confidence low", "confidence high", "prediction low", "prediction high")
     columns = ("layer", factor_column(factor), *(score_column(analysis, name) for name in names), "allowed", "run")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, NumericFactor
 from seqrsm.fit.intervals import Interval, Prediction
 
@@ -55,8 +55,10 @@ class Line:
         Of scores; nan where there is no error estimate.
     allowed : ndarray (m,) of bool
         Whether the constraints hold.
+    run_ids : ndarray (n,) of int
+        Of runs whose own value of the factor the constraints allow here.
     run_x, run_score : ndarray (n,)
-        Runs moved to this line: the fitted mean at their own value of the factor plus their residual.
+        These runs moved to this line: the fitted mean at that value, plus what their score is off the fitted surface.
     """
 
     index: int
@@ -65,6 +67,7 @@ class Line:
     confidence: Interval
     prediction: Interval
     allowed: BoolArray
+    run_ids: IntArray
     run_x: FloatArray
     run_score: FloatArray
 
@@ -118,22 +121,28 @@ def predict(analysis: Analysis, points: FloatArray) -> Prediction:
 def line(analysis: Analysis, index: int) -> Line:
     """Evaluate mean and bands along one factor through the optimum."""
     factor = analysis.region.factors[index]
-    coded, own = _places(factor), analysis.data.points[:, index]
-    natural, run_natural = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
-    moved = _scores(analysis, analysis.belief.mean(_along(analysis, index, own)) + analysis.fit.residuals)
-    return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
+    coded, made, belief = _places(factor), analysis.data.points, analysis.belief
+    moved = _along(analysis, index, made[:, index])
+    kept = analysis.region.slack(moved) >= -1e-9
+    # Residuals are the quadratic's: what it misses of the surface that is drawn is no error of the run.
+    missed = belief.surface.rows(made) @ belief.surface.estimate - belief.mean(made)
+    score = _scores(analysis, belief.mean(moved) + missed + analysis.fit.residuals)[kept]
+    own = made[kept, index]
+    natural, run_x = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
+    runs = (analysis.data.run_ids[kept], run_x, score)
+    return _line(analysis, index, natural, _along(analysis, index, coded), runs)
 
 
 def lines_by_level(analysis: Analysis, index: int, category: int) -> tuple[Line, ...]:
     """`line` along a numeric factor for each level of a categorical one; without runs."""
     factor, found = numeric_factor(analysis, index), []
-    coded, nothing = _places(factor), np.empty(0)
+    coded, none = _places(factor), (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
     levels = analysis.region.factors[category]
     assert isinstance(levels, CategoricalFactor)
     for level in levels.coded_levels:
         points = _along(analysis, index, coded)
         points[:, category] = level
-        found.append(_line(analysis, index, factor.decode(coded), points, nothing, nothing))
+        found.append(_line(analysis, index, factor.decode(coded), points, none))
     return tuple(found)
 
 
@@ -143,9 +152,9 @@ def _places(factor: Factor) -> FloatArray:
 
 
 def _line(
-    analysis: Analysis, index: int, natural: FloatArray, points: FloatArray, run_x: FloatArray, run_score: FloatArray
+    analysis: Analysis, index: int, x: FloatArray, points: FloatArray, runs: tuple[IntArray, FloatArray, FloatArray]
 ) -> Line:
-    """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
+    """Mean and bands at coded points (m, k) where the factor has natural values ``x`` (m,); ``runs`` end a `Line`."""
     shown = predict(analysis, points)
     limits, future = (
         analysis.fitted.application.score_limits,
@@ -154,7 +163,7 @@ def _line(
     confidence = Interval(_scores(analysis, shown.confidence.low), _scores(analysis, shown.confidence.high))
     prediction = Interval(*(np.clip(end, *limits) for end in future))
     allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
-    return Line(index, natural, _scores(analysis, shown.mean), confidence, prediction, allowed, run_x, run_score)
+    return Line(index, x, _scores(analysis, shown.mean), confidence, prediction, allowed, *runs)
 
 
 def _scores(analysis: Analysis, values: FloatArray) -> FloatArray:
