@@ -393,8 +393,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append("With random blocks only the bounds on effects of [application.prior] are used.")
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
+    of_quadratic = " for the quadratic" if fitted.departure.probability > 0.0 else ""
     found += [
-        f"Run {data.run_ids[run.run]} is unusual: {'; '.join(run.reasons)}."
+        f"Run {data.run_ids[run.run]} is unusual{of_quadratic}: {'; '.join(run.reasons)}."
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]

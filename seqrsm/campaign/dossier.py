@@ -68,7 +68,7 @@ class Dossier:
     rankings : tuple of RankingSummary
         Of each application that interpreters rank.
     calendar : CropCalendar or None
-        Of a campaign with dates, at the first application's recommended settings.
+        Of a campaign with dates, at the recommended settings.
     """
 
     spec: CampaignSpec
@@ -103,12 +103,13 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)
+    compromise = campaign_compromise(spec, analyses)
     images: tuple[ImagePanel, ...] = ()
-    turns, notes = 0, _measured_assumptions(campaign)
+    turns, notes = 0, _measured_assumptions(campaign, analyses)
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
     if scene is not None:
         step("simulating images")
-        chosen = chosen_settings(analyses)
+        chosen = chosen_settings(analyses, compromise)
         made_of = (spec.spec_hash, experiment_of(spec), chosen)
         images, turns, more = remembered(lambda: report_pictures(spec, chosen), made_of)
         notes += more
@@ -126,12 +127,12 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         assumptions=notes,
         provenance=_provenance(campaign, scene),
         reproduce=_reproduce(campaign, more_asked),
-        compromise=campaign_compromise(spec, analyses),
+        compromise=compromise,
         tradeoff=tradeoff,
         candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
         rankings=store.ranking_summaries(),
-        calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator else None,
+        calendar=crop_calendar(spec, (compromise or analyses[0].optimum).settings) if spec.simulator else None,
     )
 
 
@@ -144,8 +145,9 @@ def _with_hardware(spec: CampaignSpec, analysis: Analysis) -> Analysis:
     return replace(analysis, warnings=analysis.warnings + short)
 
 
-def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
+def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> tuple[str, ...]:
     spec = campaign.spec
+    weighed = any(one.fitted.departure.probability > 0.0 for one in analyses)
     variance = {
         "equal": "equal variance",
         "se": "variance proportional to the square of their standard errors",
@@ -154,8 +156,8 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     found = [
         f"errors of different runs are independent, {spec.errors.words}, with {variance}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
-        f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region, or the "
-        "alternative surface if the report describes one",
+        f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region"
+        + (", or a Gaussian process about one" if weighed else ""),
     ]
     if spec.simulator is not None:
         drawn = {

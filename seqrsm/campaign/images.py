@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
@@ -331,8 +332,10 @@ def _caption(picture: Picture, scales: Mapping[str, GreyScale]) -> str:
     return f"{picture.remark}; {picture.quantity}, black to white, {tones}."
 
 
-def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:
-    """Settings worth a picture: the optimum of the first analysis, and the fitted worst of the region."""
+def chosen_settings(
+    analyses: Sequence[Analysis], compromise: CompromiseEstimate | None
+) -> dict[str, dict[str, float | str]]:
+    """Settings worth a picture: what is recommended, and the fitted worst of the region for the first application."""
     from seqrsm.fit.optimum import optimum
 
     analysis = analyses[0]
@@ -342,7 +345,5 @@ def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float |
         analysis.fit.estimate[: analysis.model.p],
         "minimize" if analysis.goal == "maximize" else "maximize",
     )
-    return {
-        "At the optimum": dict(analysis.optimum.settings),
-        "Worst of the region": analysis.region.decode(worst.point)[0],
-    }
+    title, best = ("At the compromise", compromise) if compromise else ("At the optimum", analysis.optimum)
+    return {title: dict(best.settings), "Worst of the region": analysis.region.decode(worst.point)[0]}

@@ -59,8 +59,8 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     )
     how = (
         f" The covers are those that move the score most. From {N_WORLDS} draws of the tables, with and without "
-        "these covers drawn anew (total effect): knowing them takes no more off the variance, and less where the score "
-        "rests on how they differ from others that are not known."
+        "these covers drawn anew (total effect): knowing a cover helps less than told where the score depends on its "
+        "contrast with others that stay unknown."
     )
     caption = "Half-width that exact knowledge of covers would leave at best"
     return Section(key, title, (Paragraph(head, method=how), table(caption, columns, rows)))

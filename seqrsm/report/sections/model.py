@@ -157,7 +157,7 @@ def _statistics_table(analysis: Analysis) -> Table:
             "R\u00b2 predicted (leave-one-out)",
             _known(format_number(fit.r2_predicted, 3 if fit.r2_predicted > -10.0 else 0), fit.r2_predicted, analysis),
         ),
-        ("Condition number of the model matrix", number_cell(format_significant(condition, 3), condition)),
+        ("Condition number, columns of unit length", number_cell(format_significant(condition, 3), condition)),
     ]
     worst = _largest_vif(analysis)
     if worst is not None:
@@ -188,7 +188,9 @@ def _anova_table(analysis: Analysis) -> Table:
     )
     squares = (right(title, _squared(fitted_unit(analysis))) for title in ("Sum of squares", "Mean square"))
     columns: tuple[Head, ...] = ("Source", right("df"), *squares, right("F"), right("p"))
-    caption = "Sequential analysis of variance; the residual divides into lack of fit and pure error"
+    divided = isinstance(analysis.fit.lack_of_fit(), LackOfFit)
+    caption = "Sequential analysis of variance"
+    caption += "; the residual divides into lack of fit and pure error" if divided else ""
     return table(caption, columns, rows)
 
 
@@ -272,7 +274,7 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     most = max(ranked, key=lambda row: row.share_total if math.isfinite(row.share_total) else -1.0)
     if most.share_total > ranked[0].share_total:
         text = f"The fitted surface changes most with {readable(most.factor)} (total effect "
-        text += f"{format_share(most.share_total)}); the order is that of F, which is less for effects of many terms."
+        text += f"{format_share(most.share_total)}); the order is that of F, a mean over the factor's terms."
         blocks.append(Paragraph(text))
     cells = (
         (
@@ -349,7 +351,8 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     found.append(f"The recommended settings are {far}.")
     influential = influential_runs(fit)
     if influential:
-        named = [str(int(ids[run.run])) for run in influential[:MAX_NAMED]]
+        shown = influential if len(influential) == MAX_NAMED + 1 else influential[:MAX_NAMED]  # not "and 1 more"
+        named = [str(int(ids[run.run])) for run in shown]
         more, high = len(influential) - len(named), 2.0 * fit.n_terms / fit.n_runs
         found.append(
             f"{counted(len(influential), 'run')} with {f'leverage above 2p/n = {high:.2f}, ' if high < 1.0 else ''}"

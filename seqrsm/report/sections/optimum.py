@@ -252,8 +252,8 @@ def _departure(analysis: Analysis) -> list[Block]:
     alone = analysis.region.decode(analysis.of_quadratic.point)[0]
     text = (
         f"The probability that the surface is not quadratic is {format_share(found.probability)} ({factor}); settings "
-        "and intervals average over both surfaces. The optimum of the quadratic alone is at "
-        f"{rounded_settings(analysis, alone)}. "
+        "and intervals average over both surfaces. Coefficients, analysis of variance, F tests, effects, residuals and "
+        f"curvatures are the quadratic's; its optimum is at {rounded_settings(analysis, alone)}. "
     )
     return [Paragraph(text, method=how)]
 
@@ -286,12 +286,12 @@ def _shape(analysis: Analysis) -> list[Block]:
         return []
     if stationary.kind == "none" or not np.all(np.isfinite(stationary.point[list(numeric)])):
         warning = readable_text(stationary.warning, analysis.region.names)
-        return [Paragraph(warning or "The fitted surface has no stationary point.")]
+        return [Paragraph(warning or "The quadratic has no stationary point.")]
     where = "inside" if stationary.inside_region else "outside"
     text = (
-        "At the optimal levels of the categorical factors the fitted surface "
+        "At the optimal levels of the categorical factors the quadratic "
         if analysis.region.categorical
-        else "The fitted surface "
+        else "The quadratic "
     )
     text += f"has a {stationary.kind} {where} the region at {_place(analysis, stationary.point, stationary.se)}."
     method = " \u00b1 and brackets: one standard error either way, by the delta method on the scale of the factor."
@@ -309,7 +309,7 @@ def _shape(analysis: Analysis) -> list[Block]:
     )
     unit = analysis.score_unit if analysis.scale.kind == "identity" else ""
     columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
-    caption = "Principal curvatures of the fitted surface and their directions, coded units"
+    caption = "Principal curvatures of the quadratic and their directions, coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
 
 

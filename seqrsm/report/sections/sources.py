@@ -185,7 +185,8 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
         *("Image", "Settings", right("Score \u00b1 s.e."), "Along by across track"),
         *map(right, ("Cell or pixel", "Reduced", "Scale bar")),
     )
-    caption = "Images shown; score of this one occasion, with its standard error within the image"
+    use = f" for {dossier.analyses[0].application}" if len(dossier.analyses) > 1 else ""
+    caption = f"Images shown; score{use} of this one occasion, with its standard error within the image"
     return table(caption, columns, rows)
 
 
@@ -280,8 +281,8 @@ def _cover_table(about_covers: AboutCovers) -> Table:
         rows.append((subject, _sentence(text)))
     rows.sort(key=lambda row: row[0] == "every cover")
     caption = (
-        "Source of the mean backscatter of each cover, for all images of this report. In brackets its status: public "
-        "measurements, computed from public data, or assumed"
+        "Source of the mean backscatter of each cover, for all images of this report. In brackets its status "
+        "(measured, public, public_code of a published program, computed or assumed) and its name in the data"
     )
     return table(caption, ("Cover", "Statement"), rows)
 
@@ -304,12 +305,12 @@ def provenance_section(dossier: Dossier) -> Section:
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
     text = "Times of runs are left out: the same campaign gives the same report. seqrsm status --history lists them."
     blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce), Paragraph(text)]
-    region, analyses = dossier.spec.region, dossier.analyses
-    made = settings_of_run(region, np.array([one.optimum.point for one in analyses]))
-    rows = (
-        (one.application, *(format_value(at[f.name]) for f in region.factors))
-        for one, at in zip(analyses, made, strict=True)
-    )
+    region, found = dossier.spec.region, [(one.application, one.optimum.point) for one in dossier.analyses]
+    if dossier.compromise is not None:
+        found.insert(0, ("compromise", dossier.compromise.point))
+    names, points = zip(*found, strict=True)
+    made = settings_of_run(region, np.array(points))
+    rows = ((name, *(format_value(at[f.name]) for f in region.factors)) for name, at in zip(names, made, strict=True))
     caption = "Recommended settings as a run has them, to repeat it exactly"
-    blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in region.factors)), rows))
+    blocks.append(table(caption, ("Recommended for", *(right(axis_label(f)) for f in region.factors)), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))

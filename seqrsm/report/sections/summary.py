@@ -94,10 +94,9 @@ def summary_section(
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
     blocks = (*compromise_summary(spec.region, compromise), _own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
-    values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
     parts = (
         Section("summary-next", "Next steps", (Bullets(todo),)),
-        *((Section("summary-rests", "Basis", (*made, *values)),) if made else ()),
+        *((Section("summary-rests", "Basis", made),) if made else ()),
     )
     return Section("summary", "Summary", (Paragraph(_question(spec, analyses)), *blocks), parts)
 
@@ -336,14 +335,10 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
     if spec.simulator is not None and (ground := ground_sentence(analysis, spec.stop)):
         yield Paragraph(ground)
     if shares := rests.get(analysis.application):
-        yield _table_values("at these settings", shares)
+        parts = listing([f"{format_percent(round(share, 6))} {status}" for status, share in shares.items()])
+        yield Paragraph(f"Table values used at these settings, by scored area: {parts}.")
     if analysis.confirmation is not None:
         yield Paragraph(analysis.confirmation.text)
-
-
-def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
-    parts = listing([f"{format_percent(round(share, 6))} {status}" for status, share in shares.items()])
-    return Paragraph(f"Table values used {where}, by scored area: {parts}.")
 
 
 def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...]:

@@ -1,0 +1,49 @@
+"""Whose settings and scores pictures and tables of a report show, and what is said once."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+from report_dossiers import two_uses
+
+from seqrsm.campaign.images import chosen_settings
+from seqrsm.report.blocks import Table
+from seqrsm.report.sections import model
+from seqrsm.report.sections.model import diagnostics_section
+from seqrsm.report.sections.sources import image_section, provenance_section
+from seqrsm.report.sections.summary import summary_section
+
+
+def tables(section) -> list[Table]:
+    return [block for block in section.blocks if isinstance(block, Table)]
+
+
+def test_one_more_run_is_named_and_not_counted(simulated, monkeypatch):
+    analysis = simulated.analyses[0]
+    for n, end in ((3, "2 and 3"), (4, "3 and 4"), (5, "3 and 2 more")):
+        found = [SimpleNamespace(run=i, reasons=()) for i in range(n)]
+        monkeypatch.setattr(model, "influential_runs", lambda fit, found=found: found)
+        assert f"{end}." in str(diagnostics_section(analysis, "x"))
+
+
+def test_pictures_and_settings_are_also_of_the_compromise(flight, simulated):
+    """The report recommends it: it showed the first application's optimum and said "the optimum"."""
+    both = two_uses(flight)
+    best = both.compromise
+    assert list(chosen_settings(both.analyses, best)) == ["At the compromise", "Worst of the region"]
+    assert chosen_settings(both.analyses, best)["At the compromise"] == best.settings
+    alone = chosen_settings(flight.analyses, None)
+    assert alone["At the optimum"] == flight.analyses[0].optimum.settings
+    names = [row[0].text for row in tables(provenance_section(both))[-1].rows]
+    assert names == ["compromise", *(one.application for one in both.analyses)]
+    assert [row[0].text for row in tables(provenance_section(flight))[-1].rows] == names[1:2]
+    shown = dataclasses.replace(simulated, analyses=simulated.analyses * 2)
+    assert f"score for {simulated.analyses[0].application} of" in str(image_section(shown))
+
+
+def test_what_the_settings_of_each_application_rest_on_stands_with_them_alone(flight):
+    both = two_uses(flight)
+    rests = {one.application: {"measured": 0.4, "assumed": 0.6} for one in both.analyses}
+    assert "Table values" not in str(summary_section(both.spec, both.analyses, both.compromise, both.runs, rests))
+    assert "Table values" in str(summary_section(flight.spec, flight.analyses, None, flight.runs, rests))

@@ -1,0 +1,87 @@
+"""What a report says of the quadratic, and of what is not the quadratic's, against the numbers beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from process_cases import bowl, hill, spread
+from scored_campaigns import analysed, numeric, specification
+
+from seqrsm.campaign.dossier import _measured_assumptions
+from seqrsm.report.blocks import Table
+from seqrsm.report.sections.model import model_section
+from seqrsm.report.sections.optimum import shape_section
+
+
+def tables(section) -> list[Table]:
+    return [block for block in section.blocks if isinstance(block, Table)]
+
+
+POINTS = np.round(spread(24, 2), 3)
+
+
+def of_hill(place, points):
+    return analysed(
+        place / "c", specification(numeric(2)), points, hill(points) + np.random.default_rng(9).normal(size=24)
+    )
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory):
+    """Of a narrow top, which is hardly a quadratic; no setting is run twice."""
+    return of_hill(tmp_path_factory.mktemp("narrow"), POINTS)
+
+
+@pytest.fixture(scope="module")
+def repeated(tmp_path_factory):
+    return of_hill(tmp_path_factory.mktemp("repeated"), np.vstack([POINTS[:20], POINTS[:4]]))
+
+
+def test_a_residual_that_is_not_divided_is_not_said_to_be(narrow, repeated):
+    for analysis, divided in ((repeated, True), (narrow, False)):
+        (anova,) = [one for one in tables(model_section(analysis, "x")) if one.caption.startswith("Sequential")]
+        assert any("pure error" in str(row) for row in anova.rows) == divided
+        assert ("divides into" in anova.caption) == divided
+
+
+def test_what_is_the_quadratics_is_said_to_be(narrow):
+    """Its curvatures and residuals were said to be of the fitted surface, which is hardly a quadratic here."""
+    assert narrow.fitted.departure.probability > 0.9
+    told = str(shape_section(narrow, "x"))
+    assert "F tests, effects, residuals and curvatures are the quadratic's" in told
+    assert "the quadratic has" in told.lower()
+    assert "The fitted surface has" not in told
+
+
+def test_the_condition_number_is_of_columns_of_unit_length(narrow):
+    columns = narrow.fit.Z / np.linalg.norm(narrow.fit.Z, axis=0)
+    (quality,) = [one for one in tables(model_section(narrow, "x")) if one.caption == "Quality of the fit"]
+    found = {row[0].text: row[1].value for row in quality.rows}
+    assert found["Condition number, columns of unit length"] == pytest.approx(np.linalg.cond(columns))
+
+
+def test_the_surface_assumed_is_the_one_that_was_considered(narrow):
+    campaign = SimpleNamespace(spec=SimpleNamespace(
+        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=SimpleNamespace(words="normal"),
+        simulator=None,
+    ))  # fmt: skip
+    quadratic = dataclasses.replace(
+        narrow.fitted, departure=dataclasses.replace(narrow.fitted.departure, probability=0.0)
+    )
+    for one, process in ((narrow, True), (dataclasses.replace(narrow, fitted=quadratic), False)):
+        (told,) = [text for text in _measured_assumptions(campaign, (one,)) if "polynomial" in text]
+        assert ("Gaussian process" in told) == process
+
+
+def test_a_run_is_unusual_for_the_quadratic_where_there_is_another_surface(tmp_path):
+    """Leverage, Cook's distance and residual are the quadratic's: what that cannot follow is no fault of the run."""
+    scores = bowl(POINTS) + 0.3 * np.random.default_rng(9).normal(size=24)
+    scores[7] += 9.0
+    one = analysed(tmp_path / "two", specification(numeric(2)), POINTS, scores)
+    assert one.fitted.departure.probability > 0.0
+    assert [text.partition(":")[0] for text in one.warnings] == ["Run 8 is unusual for the quadratic"]
+    alone = analysed(tmp_path / "one", specification(numeric(2), rest="[model]\norder = 1\n"), POINTS, scores)
+    assert [text for text in alone.warnings if "for the quadratic" in text] == []
