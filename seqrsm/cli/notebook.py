@@ -266,7 +266,7 @@ class Campaign:
         return self.form([run.run_id for run in runs])
 
     def form(self, run_ids: Iterable[int] | None = None) -> DataFrame:
-        """The form for some runs, by default for all that await a measurement."""
+        """The form for some of the issued runs, by default for all that await a measurement."""
         import pandas as pd
 
         from seqrsm.campaign.export import form_rows
@@ -278,6 +278,9 @@ class Campaign:
             _see_whole(1, run_id=run_id)
             if run_id not in made:
                 raise UserError("there is no such run", "Use numbers of issued runs.", field="run", value=run_id)
+            if (state := made[run_id].state) != "issued":
+                reason = f"the run awaits no score: it is {state}"
+                raise UserError(reason, "Use numbers of issued runs.", field="run", value=run_id)
             wanted.append(made[run_id])
         header, rows = form_rows(self.spec, wanted)
         return pd.DataFrame(rows, columns=pd.Index(header))

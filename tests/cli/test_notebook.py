@@ -276,6 +276,9 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
     assert c.fit(test="x,first order").to_json()["tests"] == c.fit(test=["x,first order"]).to_json()["tests"]
     c.void(1, "clouds")
     assert c.runs().set_index("run_id").loc[1, ["state", "reason"]].tolist() == ["void", "clouds"]
+    for run_id, state in ((1, "void"), (2, "scored")):  # a form filled in for these would be refused
+        with pytest.raises(UserError, match=f"awaits no score: it is {state}"):
+            c.form([run_id])
     with pytest.raises(UserError, match="no such run"):
         c.void(99, "clouds")
     with pytest.warns(UserWarning, match=r"73 runs instead of 99: the budget, \[stop\] max_runs, leaves no more"):

@@ -296,6 +296,26 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
     )
 
 
+def test_what_every_row_of_a_check_is_stands_once() -> None:
+    """It stood after the tables of each application; which one a variance is of was to be guessed."""
+    one = Judged("crops", 3.604, 0.6, "simulations", 28, 81, None, "", *_PLANS, "random quadratics", 6.0, "percent")
+    soil = dataclasses.replace(one, application="soil", ground_share=0.7)
+    result = CheckResult(
+        **vars(soil), name="polder", n_factors=3, n_terms=27, start_runs=33, max_runs=300, seconds_per_run=math.nan,
+        cost=301.5, cost_unit="", notes=(), covers=(), combinations=(), hardware=(), others=(one,),
+    )  # fmt: skip
+    sections = check_sections(result, every_note=False)
+    told = str(sections)
+    assert told.count("Each row: 200 simulated campaigns on random quadratics") == 1
+    of_scores = dataclasses.replace(result, others=(dataclasses.replace(one, surfaces="the posterior"),))
+    assert str(check_sections(of_scores, every_note=False)).count("Each row: 200 simulated campaigns on ") == 2
+    items = dict(sections[0].blocks[0].items)
+    assert (items["variance from table uncertainty, soil"], items["variance from table uncertainty, crops"]) == (
+        "70 %",
+        "60 %",
+    )
+
+
 def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> None:
     """From 8 to 11, say: in one column, and the smallest with two digits. Of 11, 0.64 of its square is the ground's."""
     best = studied.analyses[0].optimum

@@ -40,11 +40,18 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         scatter = with_unit(format_significant(one.noise), one.unit) if known else one.noise_source
         items.append((f"run-to-run standard deviation{of[one.application]}", scatter))
         if one.ground_share > 0.0:
-            items.append(("variance from table uncertainty", f"{format_significant(100.0 * one.ground_share, 2)} %"))
+            items.append(
+                (
+                    f"variance from table uncertainty{of[one.application]}",
+                    f"{format_significant(100.0 * one.ground_share, 2)} %",
+                )
+            )
         if known:
-            items.append(("estimated from", one.noise_source))
+            items.append((f"estimated from{of[one.application]}", one.noise_source))
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
-    sections += [section for one in judged for section in _budget_sections(one, of[one.application])]
+    told: set[Paragraph] = set()  # what a row is stands once
+    for one in judged:
+        sections += _budget_sections(one, of[one.application], told)
     if result.combinations:
         sections.append(Section("combinations", "Notes on the region and the scene", (Bullets(result.combinations),)))
     if result.hardware:
@@ -58,8 +65,11 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     return tuple(sections)
 
 
-def _budget_sections(result: Judged, of: str) -> list[Section]:
-    """What the budget can give, in different ways, and what other numbers of runs give; ``of`` which application."""
+def _budget_sections(result: Judged, of: str, told: set[Paragraph]) -> list[Section]:
+    """What the budget can give, in different ways, and what other numbers of runs give; ``of`` which application.
+
+    What a row is joins ``told`` and is not repeated.
+    """
     if not result.plans:
         return []
     known = math.isfinite(result.target)
@@ -99,7 +109,9 @@ def _budget_sections(result: Judged, of: str) -> list[Section]:
         f"expected loss: mean shortfall of the settings found from the best in the region.{not_known} These are rough "
         "estimates; `seqrsm rehearse` simulates every step of `run`, once there are scores."
     )
-    return [Section("budget", f"What the budget can achieve{of}", (ways, other, Paragraph(how, "note")))]
+    note = {Paragraph(how, "note")} - told
+    told |= note
+    return [Section("budget", f"What the budget can achieve{of}", (ways, other, *note))]
 
 
 def _duration(seconds: float) -> str:
