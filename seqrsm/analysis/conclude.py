@@ -146,7 +146,7 @@ def analyse(
         known_map=known_map,
         warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
         notes=tuple(
-            _notes(spec, application, fitted, best)
+            _notes(spec, application, fitted, estimate)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
         steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
@@ -355,10 +355,10 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
+def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: OptimumEstimate) -> list[str]:
     """How the result was found: nothing that casts doubt on it."""
     data, surface = fitted.data, fitted.surface
-    idle = without_effect(spec.factors, fitted.region.decode(best.point)[0])
+    idle = without_effect(spec.factors, best.settings)
     why = "as its sensor is not in the set or there is but one date"
     found = [f"Of no effect, {why}: {', '.join(idle)}."] if idle else []
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
@@ -369,6 +369,10 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, bes
     counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
     if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
         found.append('The scores are counts: [model] weights = "counts" would weight them by their binomial variance.')
+    measured = application.unit in ("percent", "%") and spec.model.response == "identity"
+    past = best.prediction.low < 0.0 or best.prediction.high > 100.0
+    if measured and past and np.min(data.scores) >= 0.0 and np.max(data.scores) <= 100.0:
+        found.append('Intervals reach beyond 0 to 100 percent: where no score can, use [model] response = "logit".')
     return found
 
 

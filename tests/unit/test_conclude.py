@@ -292,6 +292,19 @@ def test_no_factor_is_most_important_where_none_is_significant(tmp_path) -> None
     assert "none significant" in told
 
 
+@pytest.mark.parametrize(("top", "unit", "rest", "told"), [
+    (97.0, "percent", "", True), (97.0, "%", "", True), (60.0, "percent", "", False), (97.0, "dB", "", False),
+    (97.0, "percent", "[model]\nresponse = 'logit'\n", False), (120.0, "percent", "", False),
+])  # fmt: skip
+def test_measured_percentages_whose_intervals_pass_100_are_told_how_to_end_there(tmp_path, top, unit, rest, told):
+    """A measured score has no ends of its own: a percentage may be a change. Where a score lies beyond, it has none."""
+    scores = np.minimum(bowl(POINTS) - 80.0 + top + 3.0 * NOISE, 99.5 if top < 100.0 else np.inf)
+    text = specification(numeric(2), application=f'unit = "{unit}"\n', rest=rest)
+    found = analysed(tmp_path / "c", text, POINTS, scores)
+    assert (found.optimum.prediction.high > 100.0) == (top > 90.0 and not rest)
+    assert any("reach beyond 0 to 100 percent" in note for note in found.notes) == told
+
+
 def test_the_rule_asks_for_more_runs_where_the_surface_is_likely_no_quadratic(narrow: Analysis) -> None:
     for probability, terms in ((0.49, 0), (0.51, narrow.fitted.surface.n_terms)):
         fitted = replace(narrow.fitted, departure=replace(narrow.fitted.departure, probability=probability))
