@@ -50,6 +50,7 @@ REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
 
 _UTM_SOUTH = 327  # EPSG 32701 to 32760
+_SEASON_DAYS = 61.0  # by which a shift may be off half a year: crops of one hemisphere lie so far apart
 _NEAR_OCTAVES = 0.8
 """Nearer bands have means of covers that differ by more than twice what fields do: from L to C, by 1.4 times."""
 _ROOM = 1.2
@@ -423,8 +424,10 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
     south = (scene.epsg or 0) // 100 == _UTM_SOUTH or any(getattr(o.sensor, "latitude_deg", 0.0) < 0.0 for o in made)
     own = task.scattering(task.engine).calendar.own
     crops = [name for name in scene.categories if has_course(name) and name not in own]
-    if south and made[0].visit.day is not None and crops and not task.late_days:
-        where = "the built-in calendar is of the northern hemisphere, the scene in the southern"
+    late = task.late_days
+    if south and made[0].visit.day is not None and crops and abs(late % 365 - 182.5) > _SEASON_DAYS:
+        moved = f", {late} days later," if late else ""
+        where = f"the built-in calendar{moved} is of the northern hemisphere, the scene in the southern"
         yield f"{', '.join(crops)}: {where}; set [simulator] calendar_shift_days = 182, or give rows in a calendar"
     bands = sorted({one.sensor.frequency_ghz for one in made if isinstance(one.sensor, RadarConfiguration)})
     for low, high in pairwise(bands):

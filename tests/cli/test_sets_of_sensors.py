@@ -163,15 +163,17 @@ def test_check_tells_that_the_calendar_is_of_the_northern_hemisphere(
 
     def northern() -> bool:
         return any(
-            note.startswith("Grass: the built-in calendar is of the north")
+            note.startswith("Grass: the built-in calendar") and "is of the northern hemisphere" in note
             for note in told("check", folder)["combinations"]
         )
 
     assert northern() == expected
     if expected:  # with Grass in a calendar, or the built-in one moved, nothing is left to tell
         toml = folder / "campaign.toml"
-        toml.write_text(given.replace('engine = "psm"', 'engine = "psm"\ncalendar_shift_days = 182'), encoding="utf-8")
-        assert not northern()
+        for shift, left in ((182, False), (-182, False), (150, False), (10, True), (-30, True), (364, True)):
+            moved = given.replace('engine = "psm"', f'engine = "psm"\ncalendar_shift_days = {shift}')
+            toml.write_text(moved, encoding="utf-8")
+            assert northern() == left, f"{shift} days are {'no ' * left}half a year"
         (folder / "calendar.csv").write_text(CALENDAR, encoding="utf-8")
         toml.write_text(given.replace('engine = "psm"', 'engine = "psm"\ncalendar = "calendar.csv"'), encoding="utf-8")
         assert not northern()
