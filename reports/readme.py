@@ -30,6 +30,7 @@ PAGES = [ROOT / name for name in ("campaigns/README.md", "README.md", "reports/R
 BLOCK = re.compile(r"(?:<!-- lines (?P<kept>[^>]*) -->\n)?```console\n(?P<body>.*?)```\n", re.S)
 ANSWERS = re.compile(r"(<!-- answers -->\n).*?(<!-- /answers -->)", re.S)
 LEAD = re.compile(r'<p class="lead">((?:Recommended for|No setting is shown) .*?), the settings with the [^<]*</p>')
+COMPROMISE = re.compile(r'<p class="lead">(Recommended compromise: .*?) See ')
 FIGURE = re.compile(r'<dt>(.*?)</dt><dd><span class="value">(.*?)</span> <span class="detail">(.*?)</span>')
 VARIES = re.compile(r"\d s\b|\d s;|made .*Z|version|\d\.\d+ ms")
 PICTURES = {"image.png": "readme/image.png", "figures/history-of-half-width.png": "readme/half-width.png"}
@@ -107,7 +108,8 @@ def _answers() -> str:
     rows = []
     for file in sorted((ROOT / "reports").glob("*/report.html")):
         page = file.read_text(encoding="utf-8")
-        answers = " ".join(_answer(page, found) for found in LEAD.finditer(page))
+        told = [*COMPROMISE.findall(page), *(_answer(page, found) for found in LEAD.finditer(page))]
+        answers = html.unescape(" ".join(told)).replace("\u00a0", " ")
         rows.append(f"* [`{file.parent.name}`]({file.parent.name}/report.pdf): {answers}\n")
     return "".join(rows)
 
@@ -116,11 +118,10 @@ def _answer(page: str, found: re.Match[str]) -> str:
     """What was found for one application, in two sentences."""
     figures = page[found.end() : page.index("</dl>", found.end())]
     told = {label: (value, detail) for label, value, detail in FIGURE.findall(figures)}
-    text = (
+    return (
         f"{found[1]}. Mean score {told['Mean score'][0]}; one future run {told['One future run'][0]} "
         f"({told['One future run'][1]}); {told['Runs in the fit'][0]} runs, {told['Decision'][1]}."
     )
-    return html.unescape(text).replace("\u00a0", " ")
 
 
 def _small(source: Path, target: Path) -> None:

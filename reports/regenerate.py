@@ -1,9 +1,9 @@
 """Run every example campaign from scratch and write its report: ``python reports/regenerate.py [CAMPAIGN...]``.
 
 Each campaign is copied to a temporary folder, carried out to its end, and reported on: reports/CAMPAIGN/report.html,
-report.pdf, optimum.json (recommendation, intervals, importance, decision) and surface.png (the two most important
-factors). The same version of seqrsm and of its libraries (.ci/constraints.txt) and the same seed give the same bytes,
-on any day and with any number of workers; ``--check`` says whether the files that are there are these.
+report.pdf, optimum.json (recommendation, intervals, importance, decision, compromise) and surface.png (the two most
+important factors). The same version of seqrsm and of its libraries (.ci/constraints.txt) and the same seed give the
+same bytes, on any day and with any number of workers; ``--check`` says whether the files that are there are these.
 """
 
 from __future__ import annotations
@@ -86,7 +86,10 @@ def _optimum(document: dict[str, Any]) -> bytes:
     )  # fmt: skip
     applications = document.get("applications", [document])
     short = [{key: one[key] for key in kept if key in one} for one in applications]
-    text = json.dumps(_rounded({"applications": short}), indent=2, ensure_ascii=False, allow_nan=False)
+    found = {"applications": short}
+    if "compromise" in document:
+        found["compromise"] = {key: one for key, one in document["compromise"].items() if key != "pareto_front"}
+    text = json.dumps(_rounded(found), indent=2, ensure_ascii=False, allow_nan=False)
     return f"{text}\n".encode()
 
 
