@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
@@ -71,6 +72,8 @@ def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scen
     top = rows[0]
     assert (top["time_ratio"], top["bias"], top["rms_error"], top["utility_lost"]) == (1.0, 0.0, 0.0, 0.0)
     assert top["averaged"] == [1]
+    for row in rows.values():  # the two columns of the table are one measurement
+        assert row["time_ratio"] == pytest.approx(row["seconds"] / top["seconds"])
     assert set(rows[2]["averaged"]) <= {2, 4}
     assert rows[2]["largest_error"] >= rows[2]["rms_error"] > 0.0
     assert read_tradeoff(tiny)["simulation"] == found["simulation"]
