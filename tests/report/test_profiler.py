@@ -129,5 +129,11 @@ def test_the_browser_shows_the_first_row(simulated, tmp_path, power):
         format_number(round(value, found["places"]) * 10.0**power, places) for value in (best.mean, best.confidence.low)
     )
     assert html.unescape(said).startswith(f"Mean score {mean} (95\u00a0% confidence {low} to ")
+    names = "".join(rf", {name} [^,]*" for name in ("depression angle", "looks", "polarization"))
+    assert re.search(
+        rf"percent at frequency [^,]*{names}\.$", html.unescape(said)
+    )  # "at 9.1 GHz, 45 deg, 4, HH" told less
+    assert shown.count("<circle") == len(simulated.spec.factors[3].levels)  # there is nothing between two levels
+    assert shown.count("<polyline fill") == 3
     assert len(re.findall(r'<input id="profile-0-', shown)) == simulated.spec.region.k
     assert len(re.findall(r'<label for="profile-0-', shown)) == simulated.spec.region.k

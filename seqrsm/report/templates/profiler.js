@@ -63,7 +63,7 @@
         text += " (" + data.level + " confidence " + show(here[1]) + " to " + show(here[2]) + "; one future run " +
           show(here[3]) + " to " + show(here[4]) + ")";
       }
-      text += unit + " at " + factors.map(function (factor, j) { return factor.values[at[j]]; }).join(", ");
+      text += unit + " at " + factors.map(function (factor, j) { return factor.name + " " + factor.values[at[j]]; }).join(", ");
       output.textContent = text + (here[5] ? "." : ": excluded by the constraints.");
       panels.forEach(function (panel, j) {
         var factor = factors[j], line = factor.values.map(function (_, i) {
@@ -76,12 +76,25 @@
         while (panel.svg.firstChild) { panel.svg.removeChild(panel.svg.firstChild); }
         [[3, 4, 0.16], [1, 2, 0.32]].forEach(function (band) {
           if (line[0][band[0]] === null) { return; }
+          if (factor.levels) {  // nothing lies between two levels
+            line.forEach(function (one, i) {
+              make(panel.svg, "line", { x1: x(factor.x[i]), x2: x(factor.x[i]), y1: y(one[band[0]]), y2: y(one[band[1]]),
+                stroke: "var(--blue)", "stroke-width": 7, opacity: band[2] });
+            });
+            return;
+          }
           var up = line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[band[1]]); });
           var down = line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[band[0]]); }).reverse();
           make(panel.svg, "polygon", { points: up.concat(down).join(" "), fill: "var(--blue)", opacity: band[2] });
         });
-        make(panel.svg, "polyline", { fill: "none", stroke: "var(--blue)", "stroke-width": 2,
-          points: line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[0]); }).join(" ") });
+        if (factor.levels) {
+          line.forEach(function (one, i) {
+            make(panel.svg, "circle", { cx: x(factor.x[i]), cy: y(one[0]), r: 4, fill: "var(--blue)" });
+          });
+        } else {
+          make(panel.svg, "polyline", { fill: "none", stroke: "var(--blue)", "stroke-width": 2,
+            points: line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[0]); }).join(" ") });
+        }
         // A sheet over what the constraints exclude, half way to the next allowed value.
         line.forEach(function (one, i) {
           if (one[5]) { return; }
