@@ -7,6 +7,7 @@ What the published formulas do not say near nadir and near grazing is settled by
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -165,11 +166,11 @@ class _Parameters:
     def note(self) -> str:
         told: dict[str, list[str]] = {}
         for row in self.rows:
-            name, value = row.text("parameter"), row.text("value").replace("-", "\u2212")
-            unit = next((unit for unit in ("dB", "m") if name.endswith(f"_{unit.lower()}")), "")
-            name = name.removesuffix(f"_{unit.lower()}").replace("_", " ").replace("hh below vv", "HH below VV")
+            value, unit = row.text("value").replace("-", "\u2212"), row.text("unit")
+            name = row.text("parameter").removesuffix(f"_{unit.lower()}").replace("_", " ")
             where = f" at {row.text('frequency_ghz')} GHz" if row.text("frequency_ghz") else ""
-            text = f"{name} {value} {unit}".rstrip() + f"{where} {row.text('polarization')}".rstrip()
+            text = f"{name} {value}{'' if unit == '1' else f' {unit}'}{where} {row.text('polarization')}".rstrip()
+            text = re.sub("^hh below vv limit (.*) HH$", r"HH below VV by at most \1", text)
             told.setdefault(row.text("status"), []).append(text)
         return "; ".join(f"{', '.join(texts)} ({status})" for status, texts in told.items())
 

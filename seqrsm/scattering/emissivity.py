@@ -285,8 +285,8 @@ class EmissivityTable:
         if name not in self.curves:
             parts = {part: self._evaluate(part, f, polarization, day) for part in self.mixes[name]}
             value = sum(share * parts[part][0] for part, share in self.mixes[name].items())
-            shares = " and ".join(f"{share:.0%} {part}" for part, share in self.mixes[name].items())
-            said = [f"{name} emits as {shares.removeprefix('100% ')} (assumed)"]
+            shares = " and ".join(f"{100.0 * share:.0f} % {part}" for part, share in self.mixes[name].items())
+            said = [f"{name} emits as {shares.removeprefix('100 % ')} (assumed)"]
             return np.asarray(value), "assumed", (*said, *(note for _, _, notes in parts.values() for note in notes))
         curve = self.curves[name]
         canopy = 1.0 if day is None else self.calendar.canopy_share(name, day)

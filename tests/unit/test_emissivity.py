@@ -284,7 +284,7 @@ def test_a_cover_without_a_row_of_table_3_is_an_area_mean_of_covers_that_have_on
         np.testing.assert_allclose(settlement, 0.45 * asphalt + 0.55 * grass, rtol=1e-12)
         np.testing.assert_array_equal(buildings, asphalt)
         assert (look.status[0], look.heating[0]) == ("assumed", pytest.approx(0.45 * 1.0 + 0.55 * 0.5))
-        assert "Settlement emits as 45% Asphalt and 55% Grass (assumed)" in look.notes
+        assert "Settlement emits as 45 % Asphalt and 55 % Grass (assumed)" in look.notes
     own = write(tmp_path / "own.csv", *(f"emissivity,Settlement,20,H,{t},0.9,1,measured,mine," for t in (0, 80)))
     assert load_emissivity_table(own).lookup(["Settlement"], 20.0, "H").status == ("measured",)
 

@@ -72,7 +72,9 @@ def test_notes_tell_every_assumption() -> None:
     for words in (
         "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.2 dB)",
         "Wheat: level, with the regression's course over angle (measured: flevoland; measured: flevoland_1991; ",
-        "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 at 1.25 GHz",
+        "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 Np at 1.25 GHz",
+        "Bareground: reference moisture 0.2 m3/m3, rms height 0.01 m (assumed)",
+        "Water: HH below VV by at most 15 dB (assumed)",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
         "Wheat HH: field sd 1.57 dB (computed: l_band_fields), from C band on 1.00 dB (assumed: s1_france_w_fields)",
