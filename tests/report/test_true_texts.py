@@ -9,7 +9,8 @@ from report_dossiers import two_uses
 
 from seqrsm.campaign.images import chosen_settings
 from seqrsm.report.blocks import Table
-from seqrsm.report.sections import model
+from seqrsm.report.sections import data, model
+from seqrsm.report.sections.data import question_section, run_section
 from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.sources import image_section, provenance_section
 from seqrsm.report.sections.summary import summary_section
@@ -40,6 +41,12 @@ def test_pictures_and_settings_are_also_of_the_compromise(flight, simulated):
     assert [row[0].text for row in tables(provenance_section(flight))[-1].rows] == names[1:2]
     shown = dataclasses.replace(simulated, analyses=simulated.analyses * 2)
     assert f"score for {simulated.analyses[0].application} of" in str(image_section(shown))
+
+
+def test_no_text_says_that_all_runs_are_listed_where_the_last_are(simulated, monkeypatch):
+    monkeypatch.setattr(data, "MOST_RUNS", 5)
+    assert run_section(simulated).title == "The last runs"
+    assert "lists them all" not in str(question_section(simulated))
 
 
 def test_what_the_settings_of_each_application_rest_on_stands_with_them_alone(flight):

@@ -101,7 +101,7 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
         text += f" Sources: {source_counts(scored)}."
     purposes = Counter(run.purpose or "not stated" for run in runs)
     whys = listing([f"{readable(of)}{_SERVES.get(of, '')} ({count})" for of, count in purposes.items()])
-    blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}. The report's last table lists them all.")]
+    blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in left_out)

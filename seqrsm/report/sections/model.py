@@ -329,9 +329,6 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
         found.append(f"Outliers (5 % level, Bonferroni): {_runs(flagged)}.")
     else:
         found.append("No run is an outlier (5 % level, Bonferroni).")
-    strong = ids[np.nan_to_num(fit.cooks_distance) > 1.0]
-    if strong.size:
-        found.append(f"Highly influential runs (Cook's distance above 1): {_runs(strong)}.")
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
         found.append(f"The model must pass through {_runs(exact)} (leverage 1), where residuals tell nothing.")
