@@ -109,7 +109,7 @@ _OF_DESIGN = {
     "d_value": "D criterion, |Z'Z|^(1/p) / N",
     "a_value": "A criterion, N tr((Z'Z)^-1) / p",
     "i_value": "I criterion, mean scaled prediction variance",
-    "condition_number": "condition number of the model matrix",
+    "condition_number": "condition number, columns of unit length",
 }
 
 
