@@ -453,7 +453,7 @@ def test_slices_share_an_axis_and_show_no_impossible_score(simulated, monkeypatc
 
     section_paint = section.paint_slice
     monkeypatch.setattr(section, "paint_slice", paint)
-    far = dataclasses.replace(analysis.fit, residuals=np.full(analysis.fit.n_runs, 90.0))
+    far = dataclasses.replace(analysis.fit, y=analysis.fit.y + 90.0)
     analysis = dataclasses.replace(analysis, fitted=dataclasses.replace(analysis.fitted, fit=far))
     for panel in section._slices(analysis, range(4)).panels:
         assert panel.svg

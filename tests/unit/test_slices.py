@@ -44,3 +44,22 @@ def test_a_run_that_the_slice_excludes_is_left_out(tmp_path) -> None:
     axes = Figure().subplots()
     paint_slice(found, drawn, (40.0, 90.0), axes)
     assert len(axes.collections[-1].get_offsets()) == allowed.sum()
+
+
+def test_runs_of_other_sources_and_blocks_are_moved_by_what_these_add(tmp_path) -> None:
+    """To the flight's surface, and to the average block; what the quadratic took for them was off by several points."""
+    points = np.linspace(-1.0, 1.0, 30)[:, None]
+    flights = np.arange(30) % 4 == 0
+    given = scores(points) + 6.0 * flights
+    source = ["flight" if one else "simulation" for one in flights]
+    drawn = line(analysed(tmp_path / "sources", specification(numeric(1)), points, given, source=source), 0)
+    np.testing.assert_allclose(drawn.run_score[flights], given[flights], atol=1e-9)
+    assert np.mean(drawn.run_score[~flights] - given[~flights]) == pytest.approx(6.0, abs=1.5)
+    mixed = np.random.default_rng(4).permutation(points)
+    for effect in ("fixed", "random"):
+        days, added = np.repeat(["a", "b", "c"], 10), np.repeat([0.0, 4.0, -4.0], 10)
+        text = specification(numeric(1), rest=f'[model]\nblock = "block"\nblock_effect = "{effect}"\n')
+        found = analysed(tmp_path / effect, text, mixed, scores(mixed) + added, block=days.tolist())
+        assert found.fitted.departure.probability > 0.9
+        off = line(found, 0).run_score - scores(mixed)
+        np.testing.assert_allclose([off[days == day].mean() for day in "abc"], 0.0, atol=1.5)

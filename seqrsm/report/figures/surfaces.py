@@ -124,9 +124,12 @@ def line(analysis: Analysis, index: int) -> Line:
     coded, made, belief = _places(factor), analysis.data.points, analysis.belief
     moved = _along(analysis, index, made[:, index])
     kept = analysis.region.slack(moved) >= -1e-9
-    # Residuals are the quadratic's: what it misses of the surface that is drawn is no error of the run.
-    missed = belief.surface.rows(made) @ belief.surface.estimate - belief.mean(made)
-    score = _scores(analysis, belief.mean(moved) + missed + analysis.fit.residuals)[kept]
+    # What a run is off the surface that is drawn, less what its block adds, and a simulation on flights.
+    off, (sources, blocks) = analysis.fit.y - belief.mean(made), belief.surface.for_process()
+    simulated = np.empty((len(off), 0)) if sources is None else ~sources.own[:, None]
+    beside = np.hstack([simulated, *(() if blocks is None else (blocks.columns,))])
+    off = off - beside @ np.linalg.lstsq(beside, off, rcond=None)[0]
+    score = _scores(analysis, belief.mean(moved) + off)[kept]
     own = made[kept, index]
     natural, run_x = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
     runs = (analysis.data.run_ids[kept], run_x, score)
