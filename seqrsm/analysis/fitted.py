@@ -78,7 +78,7 @@ class Fitted:
 
     @property
     def run_ratio(self) -> float:
-        """Variance of a run by the scores and what was measured of the ground together, over that by the scores alone.
+        """Variance of a run where the ground was measured, near the optimum, over that by the scores of the region.
 
         1 where the scores are not on their own scale, or their errors not normal.
         """
@@ -117,8 +117,6 @@ def fit_application(
     departure = weigh_departure(surface, spec.seed, spec.states_prior(application))
     if "flight" in data.sources:  # over the real ground
         ground = None
-    elif ground is not None and scale.kind == "identity" and fit.df_residual:
-        ground = ground.beside(departure.sd_of_run(fit.s, spec.errors), fit.df_residual)
     return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
 
 

@@ -2,15 +2,15 @@
 
 Every simulated run meets a world of its own (`seqrsm.scattering.worlds`), so that the fitted surface is the expected
 score over worlds and a run scatters about it as one flight over an unknown ground does. Several flights over one ground
-share their world. A bundle of simulations at one setting, two occasions in each of some worlds, tells what chance is;
-with the scatter of the runs about the surface, which is of more runs, it tells what is left for the ground.
+share their world. A bundle of simulations at one setting, two occasions in each of some worlds, tells both. The scatter
+of the runs about the surface does not: it is that of the whole region, and poor settings scatter more.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -67,16 +67,6 @@ class Ground:
     def variance(self) -> float:
         """Of a simulated run: both parts together."""
         return self.sd_ground**2 + self.sd_chance**2
-
-    def beside(self, s: float, df: int) -> Ground:
-        """The same with the runs about a surface, which scatter by ``s`` with ``df`` degrees of freedom.
-
-        A bundle alone tells the variance of the ground to 0.4 of itself, with 40 degrees of freedom to 0.3.
-        """
-        own = self.n_worlds - 1
-        total = (own * self.variance + df * s**2) / (own + df)
-        share = _share(total, own + df, self.sd_chance**2, self.n_simulations - self.n_worlds)
-        return replace(self, sd_ground=float(np.sqrt(max(total - self.sd_chance**2, 0.0))), share=share)
 
 
 def ground_of_scores(scores: ArrayLike) -> Ground:
