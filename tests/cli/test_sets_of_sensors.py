@@ -195,6 +195,21 @@ def with_calendar(tmp_path, tiny_scene, rows=CALENDAR, more=""):
     return folder
 
 
+def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
+    settings = {"frequency": "L", "dates": 2.0, "first_day": 120.0, "C.resolution": 30.0}
+    toml = folder / "campaign.toml"
+    toml.write_text(toml.read_text("utf-8").replace('polarization = "HH"', 'polarization = "HH+VV+phase"'), "utf-8")
+    found = crop_calendar(load_spec(folder), settings)
+    assert found is not None
+    assert found.channels == ("L HH", "L VV")
+    made = told(
+        "image", folder, *(f"--set={name}={value}" for name, value in settings.items()), "--out", folder / "i.npz"
+    )
+    assert "polarization HH+VV+phase" not in made["summary"]  # it is fixed
+    with np.load(folder / "i.npz") as image:
+        assert image["channels"].tolist() == ["HH", "VV", "HH+VV", "HH+iVV"]
+
+
 def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, tiny_scene) -> None:
     folder = with_calendar(tmp_path, tiny_scene)
     found = told("check", folder)

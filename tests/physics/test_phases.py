@@ -81,6 +81,15 @@ def test_between_whole_looks_the_moments_are_those_of_the_wishart_law() -> None:
     assert np.cov(x[0], x[1])[0, 1] == pytest.approx(shared, rel=0.03)
 
 
+def test_without_echo_and_noise_there_is_no_product() -> None:
+    dark, bright = np.zeros((1, 4)), np.ones((1, 4))
+    out_hh, out_vv, both = 0.0 * dark, 2.0 * bright, np.full((2, 1, 4), np.nan)
+    mean = dark, bright, np.full((2, 1, 4), 0.5)
+    kernels_speckle.fade_together(*mean, np.zeros(1), np.ones(1), np.ones((2, 1, 4)), out_hh, out_vv, both)
+    np.testing.assert_array_equal(both, 1.0)
+    np.testing.assert_array_equal(out_vv, 2.0)
+
+
 @pytest.mark.parametrize(("relation", "looks"), [(1.0, 1.0), (1.0, 1e6), (0.0, 1e6), (1.0j, 3.0)])
 def test_extremes_stay_finite_and_not_negative(relation: complex, looks: float) -> None:
     x = faded(relation, looks, (10, 1000))
@@ -175,6 +184,28 @@ def test_before_sowing_a_crop_is_related_as_bare_soil_is() -> None:
 
 
 HEADER = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,coherence,phase_deg"
+
+
+def test_soil_between_plants_is_that_of_the_world_and_fields_keep_half_of_their_departure() -> None:
+    world, closed = World(4, 7), np.array([0.25])
+    mixed, crop, soil = (
+        coherence((name,), 1.25, world, share).mean[0]
+        for name, share in (("Corn", closed), ("Corn", 1.0), ("Bareground", 1.0))
+    )
+    assert mixed == pytest.approx(0.25 * crop + 0.75 * soil)
+    ground = patches(40, 4)
+    offset = [
+        simulate_radar(
+            ground, radar(channels=FULL, fading="none"), TABLE, seed=1, run_id=1, visit=Visit((180.0, 190.0), date)
+        ).occasion.field_offset_db
+        for date in (0, 1)
+    ]
+    known = ground.cover[::4, ::4].ravel() < 2
+    of_relation = []
+    for one in offset:  # at equal powers the layer departs by the relation alone
+        hh, _, vv, plus, _ = (10.0 ** (0.1 * layer[known]) for layer in one)
+        of_relation.append(plus - 0.5 * (hh + vv))
+    assert 0.3 < np.corrcoef(of_relation)[0, 1] < 0.8
 
 
 def own_table(
