@@ -351,9 +351,7 @@ def look_up(
         )
 
     found = []
-    for channel in radar.channels:
-        if channel == PHASE:
-            continue
+    for channel in filter(GROUND_OF.get, radar.channels):
         like = find(GROUND_OF[channel])
         if channel[0] == "R":
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))

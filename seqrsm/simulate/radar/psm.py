@@ -270,16 +270,15 @@ def _faded(
     """
     if radar.fading == "none":
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
-    recorded = [layer for layer in radar.layers if layer not in TOGETHER]
-    own = slice(0, len(recorded))
+    if PHASE not in radar.channels:
+        return _faded_alone(mean, noise, looks, radar.layers, radar, key, threads)
+    n = len(mean) - len(TOGETHER)  # these come last
     out = np.empty_like(mean)
-    out[own] = _faded_alone(mean[own], noise, looks, recorded, radar, key, threads)
-    if PHASE in radar.channels:
-        two = slice(len(recorded), len(mean))
-        alone = np.ones_like(mean[two]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
-        free = _faded_alone(*alone, radar, key, threads)
-        hh, vv = radar.layers.index("HH"), radar.layers.index("VV")
-        kernels_speckle.fade_together(mean[hh], mean[vv], mean[two], noise, looks, free, out[hh], out[vv], out[two])
+    out[:n] = _faded_alone(mean[:n], noise, looks, radar.layers[:n], radar, key, threads)
+    alone = np.ones_like(mean[n:]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
+    free = _faded_alone(*alone, radar, key, threads)
+    hh, vv = radar.layers.index("HH"), radar.layers.index("VV")
+    kernels_speckle.fade_together(mean[hh], mean[vv], mean[n:], noise, looks, free, out[hh], out[vv], out[n:])
     return out
 
 
