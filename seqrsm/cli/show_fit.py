@@ -16,7 +16,7 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Section
-from seqrsm.report.rounding import format_against, format_plain, format_significant
+from seqrsm.report.rounding import decimals_for, format_against, format_number, format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
@@ -148,7 +148,9 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     told = told_settings(spec.region, best["settings"], spreads)
     rows = [[readable(f.name), with_unit(told[f.name], f.unit)] for f in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
-    line(f"mean score {with_unit(known_text(best['mean']), unit)}")
+    half = best["confidence"]["half_width"]  # which decides the digits, as in the report
+    mean = format_number(best["mean"], decimals_for(0.5 * half)) if half else known_text(best["mean"])
+    line(f"mean score {with_unit(mean, unit)}")
     replicates = best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)
     one_ground = best.get("ground") is not None and spec.stop.worlds == "count" and result["interval"] == "confidence"
     for kind, words in interval_names(replicates, one_ground).items():

@@ -192,6 +192,24 @@ def test_commands_keep_to_columns_in_a_pipe(measured: Path, command: str) -> Non
         assert sorted(re.sub(r"\s", "", narrow.stdout)) == sorted(re.sub(r"\s", "", wide.stdout))
 
 
+@pytest.mark.parametrize("noise", [0.3, 9.0])
+def test_status_gives_the_mean_to_the_digits_of_the_report(tmp_path: Path, noise: float) -> None:
+    """To 60.7 where the report had 61, or 0.607 where it had 0.61."""
+    (tmp_path / "campaign.toml").write_text(MEASURED, encoding="utf-8")
+    rng, rows = np.random.default_rng(1), ["frequency,depression_angle,polarization,score"]
+    for i in range(36):
+        f, d = rng.uniform(1, 10), rng.uniform(30, 60)
+        rows.append(
+            f"{f:.3f},{d:.2f},{('HH', 'VV', 'HH+HV')[i % 3]},{60 - 0.3 * (f - 5) ** 2 + noise * rng.normal():.4f}"
+        )
+    (tmp_path / "scores.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert CliRunner().invoke(app, ["ingest", str(tmp_path), str(tmp_path / "scores.csv")]).exit_code == 0
+    told = [CliRunner().invoke(app, [command, str(tmp_path)]).stdout for command in ("status", "fit")]
+    (status,) = re.findall(r"^mean score (.*)$", told[0], flags=re.M)
+    (fit,) = re.findall(r"^Mean score  +(\S+(?: percent)?)  ", told[1], flags=re.M)
+    assert status == fit
+
+
 def test_fit_fits_a_terminal_of_80_columns_without_folding_a_term(measured: Path) -> None:
     lines = without_codes(on_terminal("fit", measured))
     assert max(map(len, lines)) <= 80
