@@ -276,9 +276,8 @@ class Campaign:
         made = {run.run_id: run for run in self.opened.store.runs()}
         for run_id in () if run_ids is None else run_ids:
             _see_whole(1, run_id=run_id)
-            if run_id not in made:
-                raise UserError("there is no such run", "Use numbers of issued runs.", field="run", value=run_id)
-            if (state := made[run_id].state) != "issued":
+            state = made[run_id].state if run_id in made else "none of this campaign"
+            if state != "issued":
                 reason = f"the run awaits no score: it is {state}"
                 raise UserError(reason, "Use numbers of issued runs.", field="run", value=run_id)
             wanted.append(made[run_id])

@@ -17,14 +17,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.figures.surfaces import predict
 from seqrsm.report.rounding import NOTHING
-from seqrsm.report.wording import (
-    axis_label,
-    format_setting,
-    level_phrase,
-    optimum_setting_text,
-    readable,
-    score_decimals,
-)
+from seqrsm.report.wording import axis_label, format_setting, level_phrase, optimum_setting_text, score_decimals
 
 MOST_NODES = 3000
 """Settings of the table, at most, where the factors allow it: some 60 kB in a page."""
@@ -38,11 +31,11 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``factors``: each with ``name``, ``label`` (with the unit), ``levels`` (whether its values are no numbers),
-        ``values`` (text), ``x`` (places on an axis from 0 to 1) and ``start``, the place of the recommended setting
-        among them; ``rows``: mean, ends of the confidence and of the prediction interval, 1 or 0 for allowed or not,
-        the last factor running fastest; None where there is no interval. Every row is corrected as
-        `OptimumEstimate.optimism` corrects that of the recommended settings.
+        ``factors``: each with ``label``, ``levels`` (whether its values are no numbers), ``values`` (text), ``x``
+        (places on an axis from 0 to 1) and ``start``, the place of the recommended setting among them; ``rows``: mean,
+        ends of the confidence and of the prediction interval, 1 or 0 for allowed or not, the last factor running
+        fastest; None where there is no interval. Every row is corrected as `OptimumEstimate.optimism` corrects that of
+        the recommended settings.
     """
     region, best = analysis.region, analysis.optimum
     levels = _levels(analysis)
@@ -68,7 +61,6 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     ]
     factors = [
         {
-            "name": readable(factor.name),
             "label": axis_label(factor),
             "levels": isinstance(factor, CategoricalFactor),
             # Where the page begins the digits are those of the first page.

@@ -63,7 +63,7 @@
         text += " (" + data.level + " confidence " + show(here[1]) + " to " + show(here[2]) + "; one future run " +
           show(here[3]) + " to " + show(here[4]) + ")";
       }
-      text += unit + " at " + factors.map(function (factor, j) { return factor.name + " " + factor.values[at[j]]; }).join(", ");
+      text += unit + " at " + factors.map(function (factor, j) { return factor.label.replace(/ \[.*\]$/, "") + " " + factor.values[at[j]]; }).join(", ");
       output.textContent = text + (here[5] ? "." : ": excluded by the constraints.");
       panels.forEach(function (panel, j) {
         var factor = factors[j], line = factor.values.map(function (_, i) {
