@@ -16,8 +16,11 @@ from seqrsm.analysis.steps import joint_draws
 from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.factors import ContinuousFactor
+from seqrsm.report.blocks import Table
 from seqrsm.report.figures.optimum import paint_lines, set_numeric_axis
 from seqrsm.report.figures.surfaces import lines_by_level
+from seqrsm.report.rounding import NOTHING
+from seqrsm.report.sections.optimum import _steps
 
 FACTORS = """
 [[factor]]
@@ -111,7 +114,8 @@ def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> No
     opened.store.add_event(RANKED, {**detail, "settings": {**best.settings, "bands": "L"}})
     assert np.isnan(opened.analyse_all(thorough=True)[0].steps[-1].better_here)  # of other settings
     opened.store.add_event(RANKED, detail)
-    steps = {step.level: step for step in opened.analyse_all(thorough=True)[0].steps}
+    (known,) = opened.analyse_all(thorough=True)
+    steps = {step.level: step for step in known.steps}
     assert np.isnan(steps[2.0].better_here)
     for level, sd in (("L", 6.0), ("C", 0.0)):
         step = steps[level]
@@ -123,6 +127,12 @@ def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> No
         assert step.better_here == pytest.approx(stats.norm.cdf(z), abs=0.03)
         assert step.loss_here == pytest.approx(both * (stats.norm.pdf(z) + z * stats.norm.cdf(z)), abs=0.1)
         assert step.better_here >= step.better
+    # Nothing known of a step is a dash, in both columns: one had it, and the other was empty.
+    (told,) = _steps(known)
+    assert isinstance(told, Table)
+    rows = [row[-2:] for row in told.rows]
+    assert all((one.text == NOTHING) == (other.text == NOTHING) for one, other in rows)
+    assert {other.text for _, other in rows} > {NOTHING}
 
 
 def test_with_a_process_gains_hold_the_truth(tmp_path) -> None:

@@ -206,9 +206,10 @@ def _steps(analysis: Analysis) -> list[Block]:
             decimal_cell(step.gain, places),
             interval_text(analysis, step.interval),
             format_share(step.better),
-            *((format_share(step.better_here), decimal_cell(step.loss_here, places)) if on_ground else ()),
+            *((format_share(step.better_here), loss) if on_ground else ()),
         )
         for step in analysis.steps
+        for loss in (decimal_cell(step.loss_here, places).text or NOTHING,)
     ]
     unit, word = analysis.score_unit, "Gain" if analysis.goal == "maximize" else "Difference"
     columns = (
