@@ -2,8 +2,8 @@
 
 Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture and
 on the slopes of the ground, which are known, within what fields and their parts differ by (their roughness above all),
-dates and the table's own means, and speckle.
-Pixels at the edge of a field are left out, since trees and crops beside bare soil outshine it, most of all at HV.
+dates and the table's own means, and speckle. Pixels that show more than one field are left out, since trees and crops
+beside bare soil outshine it, most of all at HV.
 """
 
 from __future__ import annotations
@@ -149,15 +149,15 @@ def _departures_db(
 
 
 def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:
-    """Whether a cell (rows, columns) and all within a resolution cell are of one field: none gets another's echo."""
+    """Whether the resolution cell about a cell's pixel (rows, columns) lies in one field: none gets another's echo."""
     pixel, radar = image.pixel_of_cell, image.radar
     known = pixel >= 0
     field = np.full(image.intensity[0].size, -1, dtype=np.int64)
     field[pixel[known]] = scene.field_id[known]
     field[pixel[known & (scene.field_id != field[pixel])]] = scene.n_fields  # of several fields
     square = field.reshape(image.intensity.shape[1:])
-    # Of pixels finer than the scene's cells most hold none.
-    reach = math.ceil(max(radar.resolution_m, scene.cell_m) / radar.pixel_spacing_m - 1e-9)
+    # Half a resolution cell reaches so many pixels beyond its middle one; of pixels finer than cells most hold none.
+    reach = math.ceil(0.5 * max(radar.resolution_m, scene.cell_m) / radar.pixel_spacing_m - 0.5 - 1e-9)
     highest = scipy.ndimage.maximum_filter(square, 2 * reach + 1)
     lowest = scipy.ndimage.minimum_filter(np.where(square < 0, scene.n_fields, square), 2 * reach + 1)
     inside = (lowest == highest) & (highest < scene.n_fields)
