@@ -41,6 +41,7 @@ _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 _BUNDLE = 2**30  # ids beyond any run's
 _FILES: Final = ("scene", "table", "known_map", "calendar")  # of a task and of [simulator]
 NO_RUN = 0
+_MOST_LARGE: Final = 0.5  # of the scored ground in fields that training and test divide
 """Run id of pictures that belong to no run; scored runs count from 1."""
 
 
@@ -397,7 +398,7 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         text = "no utility of this campaign classifies covers, so a map has no effect"
         remedy = "Remove known_map, or add an [[application]] that classifies."
         raise SpecError(text, remedy, file=str(spec.folder / SPEC_NAME), field="[simulator] known_map")
-    lone = _covers_of_one_field(spec, scene) if classifies else ()
+    fields = _notes_on_fields(spec, scene) if classifies else ()
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     if centre.known_map:
         loaded(load_known_map, centre.known_map, scene.categories)
@@ -405,7 +406,7 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     first = carry_out(centre)
     if first.failure:
         raise SpecError(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
-    return (*combinations, *lone, *_idle_rows(spec, scene, centre))
+    return (*combinations, *fields, *_idle_rows(spec, scene, centre))
 
 
 def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[str, ...]:
@@ -424,8 +425,8 @@ def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[
     return tuple(notes)
 
 
-def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
-    """What is to be said of covers that no other field can teach; refuses a scene with nothing to tell apart."""
+def _notes_on_fields(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
+    """What is to be said of covers of one field, and of large fields; refuses a scene with nothing to tell apart."""
     cells = np.bincount(scene.field_id[scene.scored], minlength=scene.n_fields)
     fields = np.flatnonzero(cells)
     cover_of, area_m2 = categories_of_fields(scene)[fields], cells[fields] * scene.cell_m**2
@@ -437,13 +438,19 @@ def _covers_of_one_field(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
     # A field larger than a tile is divided by the tiles.
     assert spec.simulator is not None
     side_m = tile_m(scene, radar=spec.simulator.engine == "psm")
-    small = [(k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1]]
-    return tuple(
+    large = float(area_m2[area_m2 > side_m**2].sum() / area_m2.sum())
+    notes = [
         f"{scene.categories[k]} is one field of {area / 1e4:.3g} ha, not taught where it is tested: "
         "it is wrong at every setting. Give its code another cover, or none, in the legend"
-        for k, area in small
+        for k, area in ((k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1])
         if area <= side_m**2
-    )
+    ]
+    if large > _MOST_LARGE:
+        notes.append(
+            f"{100.0 * large:.0f} % of the scored ground lies in fields larger than {side_m**2 / 1e4:.2g} ha, parts of "
+            "which teach what the others are: scores are too high. Import the scene with --parcels FILE or --field-m"
+        )
+    return tuple(notes)
 
 
 def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
