@@ -7,7 +7,7 @@ where it was, and ends with the same result as one that was not.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
+from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import (
     COVERS,
     LEVEL_WORLDS,
@@ -125,19 +125,14 @@ class Campaign:
 
         return tuple(found(app) for app in wanted)
 
-    def look(self) -> tuple[Analysis, ...]:
-        """Analyse what is there and record it once: a second look at the same runs is not a look.
+    def record_looks(self, analyses: Sequence[Analysis]) -> None:
+        """Record what was found, once: a second look at the same runs is not a look.
 
         Raises
         ------
         OvertakenError
             Another process decided meanwhile.
         """
-        analyses = self.analyse_all(n_draws=LOOK_DRAWS)
-        self._record_looks(analyses)
-        return analyses
-
-    def _record_looks(self, analyses: Sequence[Analysis]) -> None:
         for analysis in analyses:
             last = self.store.looks(analysis.application)
             if not last or last[-1].after_run != analysis.fit.n_runs:
@@ -238,7 +233,7 @@ class Campaign:
         if (left <= 0 and self.spec.stop.guard == "runs") or n_fitted(self.spec, runs) <= model.p:
             return ()
         analyses = self.analyse_all()
-        self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
+        self.record_looks(analyses)  # whoever proposes and ingests only has looked, too
         return analyses
 
     def _proposals(
@@ -294,10 +289,8 @@ class Campaign:
     def _measure_ground(self, workers: int, cluster: str | None) -> None:
         """Once, when there are scores enough to fit: simulate two occasions in each of some worlds.
 
-        At the best settings so far of each application; see `seqrsm.analysis.ground`. An event keeps the scores.
+        At the best settings so far of each application; see `seqrsm.analysis.ground`.
         """
-        from seqrsm.campaign.simulation import bundle_tasks
-
         known = {event.detail.get("application") for event in self.store.events(kind=MEASURED)}
         wanted = [application for application in self.spec.applications if application.name not in known]
         if self.spec.simulator is None or not wanted:
@@ -309,14 +302,32 @@ class Campaign:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
             pick = max if application.goal == "maximize" else min
             settings = pick(found, key=lambda one: one[0])[1].settings
-            scores = self.scores_of(
-                bundle_tasks(self.spec, settings, self.cells_of_ground()), application.name, workers, cluster
-            )
-            whole = scores.reshape(N_WORLDS, OCCASIONS)
-            whole = whole[np.isfinite(whole).all(axis=1)]
-            if len(whole) > 1:
-                detail = {"application": application.name, "settings": dict(settings), "scores": whole.tolist()}
-                self.store.add_event(MEASURED, detail, once=("application",))
+            self._simulate_grounds(application.name, settings, workers, cluster)
+
+    def measure_ground_at(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> bool:
+        """The same at what is recommended, where it was not done there: scatter differs from place to place.
+
+        Whether any had to be measured: what the runs tell has then changed.
+        """
+        done = [(event.detail["application"], event.detail["settings"]) for event in self.store.events(kind=MEASURED)]
+        own = [(one.application, dict(one.optimum.settings)) for one in analyses if one.optimum.ground is not None]
+        wanted = [one for one in own if one not in done]
+        for name, settings in wanted:
+            self._simulate_grounds(name, settings, workers, cluster)
+        return bool(wanted)
+
+    def _simulate_grounds(
+        self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
+    ) -> None:
+        """Two occasions in each of some worlds; an event keeps the scores."""
+        from seqrsm.campaign.simulation import bundle_tasks
+
+        tasks = bundle_tasks(self.spec, settings, self.cells_of_ground())
+        whole = self.scores_of(tasks, application, workers, cluster).reshape(N_WORLDS, OCCASIONS)
+        whole = whole[np.isfinite(whole).all(axis=1)]
+        if len(whole) > 1:
+            detail = {"application": application, "settings": dict(settings), "scores": whole.tolist()}
+            self.store.add_event(MEASURED, detail, once=("application", "settings"))
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what would be left of the variance between grounds if covers were known.

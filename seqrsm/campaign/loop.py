@@ -99,16 +99,18 @@ def run_campaign(
     """
     simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
     rank = partial(campaign.rank_values, workers=workers, cluster=cluster)
-    loop = _ClosedLoop(campaign, simulate, rank, on_look, say)
+    measure = partial(campaign.measure_ground_at, workers=workers, cluster=cluster)
+    loop = _ClosedLoop(campaign, simulate, measure, rank, on_look, say)
     return loop.run(max_runs or campaign.spec.stop.max_runs, batch or campaign.spec.batch)
 
 
 @dataclass(frozen=True, slots=True)
 class _ClosedLoop:
-    """One call of `run_campaign`; ``simulate`` and ``rank`` do so where the user wants it, ``seconds``: by stage."""
+    """One call of `run_campaign`; ``simulate`` to ``rank`` do so where the user wants it, ``seconds``: by stage."""
 
     campaign: Campaign
     simulate: Callable[[], Sequence[RunRecord]]
+    measure: Callable[[Sequence[Analysis]], bool]
     rank: Callable[[Sequence[Analysis]], None]
     on_look: Callable[[Analysis], None]
     say: Callable[[str], None]
@@ -147,7 +149,12 @@ class _ClosedLoop:
                 campaign.decide(budget=budget)
             return None
         with self._timed("fit"):
-            analyses = campaign.look()
+            analyses = campaign.analyse_all(n_draws=LOOK_DRAWS)
+        if left <= 0 or all(analysis.decision.held for analysis in analyses):
+            with self._timed("rank"):
+                if spec.simulator is not None and self.measure(analyses):
+                    return None  # the end may not be one: runs scatter there as they do, not as elsewhere
+        campaign.record_looks(analyses)
         for analysis in analyses:
             self.on_look(analysis)
         if all(analysis.decision.held for analysis in analyses):

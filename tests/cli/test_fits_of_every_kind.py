@@ -280,7 +280,7 @@ def test_a_floor_is_told_by_its_cause(tmp_path: Path, capsys) -> None:
 def test_status_gives_every_width_the_unit_of_the_scores(tmp_path: Path, monkeypatch) -> None:
     made = make(tmp_path / "c", X, quadratic(), "", MEASURED.replace('"measured"', '"measured"\nunit = "dB"'))
     campaign = Campaign.open(made)
-    campaign.look()
+    campaign.record_looks(campaign.analyse_all())
     campaign.store.close()
     monkeypatch.setenv("COLUMNS", "120")
     result = CliRunner().invoke(app, ["status", str(made)])
