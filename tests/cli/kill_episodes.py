@@ -209,7 +209,7 @@ def _make_ingested(folder: Path) -> Path:
 def course(command: str, scene: Path, n: int) -> Course:
     """Course of an episode of ``n`` commands, of which `run` needs but one."""
     if command == "run":
-        text = TINY.replace("batch = 3", "batch = 4").replace("half_width = 18.0", "half_width = 20.0")
+        text = TINY.replace("batch = 3", "batch = 4").replace("half_width = 22.0", "half_width = 24.0")
         return Course(lambda folder: make_tiny(folder, scene, text), lambda folder: iter([["run", folder]]))
     if command == "ingest":
         return Course(

@@ -42,10 +42,10 @@ SPEC_ERRORS = {
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
     "impossible sensor": ("bandwidth = 60.0", "bandwidth = 1.0", ["resolution", "campaign.toml"]),
-    "nobody's level": ("half_width = 18.0", "half_width = 18.0\nlevel = 1e-300", ["level", "0.5"]),
+    "nobody's level": ("half_width = 22.0", "half_width = 22.0\nlevel = 1e-300", ["level", "0.5"]),
     "no frequency": ("frequency = 3.0", "frequency = 1e300", ["frequency", "0.1 to 100 GHz"]),
     "signs that are no pictures": ('scene = "scene.npz"', 'scene = ":x:.npz"', [":x:.npz"]),
-    "target below the noise": ("half_width = 18.0", "half_width = 0.01", ["half-width", "half_width"]),
+    "target below the noise": ("half_width = 22.0", "half_width = 0.01", ["half-width", "half_width"]),
 }
 
 

@@ -60,7 +60,7 @@ def test_run_ends_by_its_rule_with_a_confirmation(finished) -> None:
     assert outcome["held"]
     (analysis,) = outcome["applications"]
     assert analysis["stop"]["held"]
-    assert analysis["optimum"]["prediction_mean"]["half_width"] <= 18.0
+    assert analysis["optimum"]["prediction_mean"]["half_width"] <= 22.0
     assert len(analysis["confirmation"]["run_ids"]) == 3
     assert not set(analysis["confirmation"]["run_ids"]) & {run["run_id"] for run in analysis["diagnostics"]["runs"]}
 
@@ -183,8 +183,8 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     monkeypatch.setattr(runner, "run_many", noted)
     ok("run", other, "--workers", 2)
     assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
-    # Two occasions in each of 16 worlds; two levels on two occasions in each of 8.
-    assert batches.count((32, 2)) == 2
+    # Two occasions in each of 16 worlds, after the start and at the end; two levels on two occasions in each of 8.
+    assert batches.count((32, 2)) == 3
     assert sum(n for n, _ in batches) > len(scores(other)) + 32  # and what each cover does
     assert scores(other) == scores(finished[0])
     # made at another time, in another folder, by other processes: the same report to the byte
@@ -298,7 +298,7 @@ def test_the_variation_over_the_region_is_told_from_grounds(tiny, monkeypatch) -
 
 
 def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
-    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 18.0", "half_width = 1.0"))
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 22.0", "half_width = 1.0"))
     result = seqrsm("run", folder, "--max-runs", 17)
     assert result.exit_code == 3, result.output
     assert "The budget, 17 of the campaign's 40 runs, was spent before" in result.stdout

@@ -107,7 +107,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
     assert "running" not in {run[4] for run in result(folder)}
 
 
-ENDLESS = TINY.replace("half_width = 18.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
+ENDLESS = TINY.replace("half_width = 22.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

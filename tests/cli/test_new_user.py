@@ -126,7 +126,7 @@ def test_simulate_without_a_simulator_says_to_fly(tmp_path) -> None:
 
 def test_each_application_is_confirmed_by_runs_at_its_own_optimum(tmp_path, tiny_scene) -> None:
     second = '[[application]]\nname = "coarse"\nutility = "mine:coarse"\n\n[simulator]'
-    text = TINY.replace("[simulator]", second).replace("half_width = 18.0", "half_width = 30.0")
+    text = TINY.replace("[simulator]", second).replace("half_width = 22.0", "half_width = 30.0")
     folder = make_tiny(tmp_path / "two", tiny_scene, text)
     body = "import numpy as np\n\n\ndef coarse(image, scene, *, seed, run_id):\n"
     body += "    rng = np.random.default_rng(run_id)\n    return 3.0 * image.radar.resolution_m**0.5 + rng.normal()\n"

@@ -185,7 +185,7 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
 
 
 def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
-    changed(begun, "campaign.toml", "half_width = 18.0", "half_width = 12.0  # narrower")
+    changed(begun, "campaign.toml", "half_width = 22.0", "half_width = 12.0  # narrower")
     changed(begun, "campaign.toml", "low = 10.0", "low = 12.0")
     changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 0.5')
     assert run(begun, "--max-runs", "17").exit_code in (0, 3)

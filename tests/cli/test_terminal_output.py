@@ -120,7 +120,7 @@ def test_messages_and_bars_do_not_meet(tiny: Path, columns: int) -> None:
     assert "checking the simulator with one image at the centre of the region searching for an initial design" in said
     starts = [line for line in lines if re.match(r" +\d+ runs  ", line)]
     assert len(starts) >= 1
-    assert all("target 18" in line for line in starts)
+    assert all("target 22" in line for line in starts)
 
 
 def test_an_error_is_wrapped_at_words(tiny: Path) -> None:
@@ -161,7 +161,7 @@ def test_check_groups_its_statements_and_tells_all_when_asked(tmp_path, tiny_sce
     assert short.stdout.rstrip().endswith("No problems found.")
     for old, new, ends in (
         ("peak_power = 1000.0", "peak_power = 0.001", "See the notes on the region and the scene."),
-        ("half_width = 18.0", "half_width = 0.5", None),
+        ("half_width = 22.0", "half_width = 0.5", None),
     ):
         make_tiny(tmp_path / new, tiny_scene, TINY.replace(old, new))
         told = CliRunner().invoke(app, ["check", str(tmp_path / new)]).stdout.rstrip()

@@ -39,7 +39,7 @@ altitude_m = 4000.0
 
 [stop]
 interval = "prediction_mean"
-half_width = 18.0
+half_width = 22.0
 max_runs = 40
 confirmation_runs = 3
 """
