@@ -15,7 +15,7 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
-from seqrsm.analysis.ground import RANKED
+from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
 from seqrsm.campaign import check
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
@@ -71,6 +71,20 @@ def test_run_again_does_nothing_more(finished) -> None:
     again = json.loads(ok("run", folder, "--json"))
     assert scores(folder) == before
     assert again["applications"][0]["optimum"] == outcome["applications"][0]["optimum"]
+
+
+def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished) -> None:
+    """Not at the best of the runs so far, nor over the region, where poor settings scatter more."""
+    campaign = Campaign.open(finished[0])
+    first, last = (event.detail for event in campaign.store.events(kind=MEASURED))
+    (analysis,) = campaign.analyse_all()
+    assert last["settings"] == analysis.optimum.settings != first["settings"]
+    assert analysis.optimum.ground == ground_of_scores(last["scores"])
+    assert [len(one["scores"]) for one in (first, last)] == [16, 16]
+    bundle = bundle_tasks(campaign.spec, analysis.optimum.settings, campaign.cells_of_ground())
+    assert carry_out(bundle[0]).scores[0].score == pytest.approx(last["scores"][0][0])
+    assert not campaign.measure_ground_at([analysis])  # nothing is simulated twice
+    campaign.store.close()
 
 
 def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> None:
