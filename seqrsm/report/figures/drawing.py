@@ -196,8 +196,3 @@ def svg_for_html(svg: str, prefix: str) -> str:
     for color, variable in PALETTE.items():
         svg = svg.replace(color, f"var({variable})")
     return svg
-
-
-def light_grid(axes: Axes) -> None:
-    """Put a thin grid behind the data."""
-    axes.grid(visible=True, zorder=0)

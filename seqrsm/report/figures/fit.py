@@ -39,7 +39,7 @@ def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
     axes.set_xlabel("day of the year")
     axes.set_ylabel("sigma0 [dB]")
     axes.legend(frameon=False, fontsize=6.5, ncol=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def calendar_data(calendar: CropCalendar, channel: int) -> PanelData:
@@ -165,7 +165,7 @@ def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, 
     axes.set_xlabel("scored runs")
     axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
     axes.legend(loc="best")
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) -> None:
@@ -177,7 +177,7 @@ def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) ->
     _whole_numbers(axes.xaxis)
     axes.set_xlabel("scored runs")
     axes.set_ylabel(score_label(analysis))
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def look_data(analysis: Analysis, looks: Sequence[Look]) -> PanelData:

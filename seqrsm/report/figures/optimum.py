@@ -160,7 +160,7 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
     axes.legend(frameon=False, fontsize=7)
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
@@ -176,7 +176,7 @@ def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     _mark_optimum(analysis, line.index, axes)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def _mark_optimum(analysis: Analysis, index: int, axes: Axes) -> None:
@@ -211,7 +211,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     axes.set_xlim(-0.6, line.x.size - 0.4)
     axes.set_xlabel(shortened(axis_label(factor), 40))
     axes.set_ylabel(score_label(analysis))
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def slice_data(analysis: Analysis, line: Line) -> PanelData:
@@ -274,7 +274,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
     axes.set_xlabel(shortened(axis_label(factor), 40))
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:

@@ -103,7 +103,7 @@ def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
         least = half if math.isfinite(half) else 0.01 * abs(item.value)
         if limits[1] - limits[0] < 2.0 * least:
             limit(middle - least, middle + least)
-    drawing.light_grid(axes)
+    axes.grid(visible=True, zorder=0)
 
 
 def _spreads(found: CompromiseEstimate) -> dict[str, float]:
