@@ -565,6 +565,7 @@ class Fit(Sections):
         from seqrsm.cli.show_fit import show_fit
 
         show_fit(self.campaign, self.analyses, self.tests, self.compromise)
+        self.show()
 
     def to_json(self) -> dict[str, Any]:
         """As ``seqrsm fit --json``."""

@@ -45,7 +45,7 @@ def show_fit(
     tests: Sequence[Sequence[TermTest]],
     compromise: CompromiseEstimate | None,
 ) -> None:
-    """Everything `seqrsm fit` has to say; ``tests`` are those that were asked for of each analysis."""
+    """What `seqrsm fit` says before the summary; ``tests`` are those that were asked for of each analysis."""
     spec, looks = campaign.spec, campaign.store.looks()
     for analysis, asked in zip(analyses, tests, strict=True):
         if len(analyses) > 1:
@@ -58,8 +58,6 @@ def show_fit(
     if compromise is not None:
         show_sections(result_section(spec, one, {}, "", one.application) for one in analyses)
         show_sections([compromise_section(spec.region, compromise)])
-    store = campaign.store
-    show_sections([summary_section(spec, analyses, compromise, store.runs(), rankings=store.ranking_summaries())])
 
 
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
