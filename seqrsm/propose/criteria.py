@@ -38,11 +38,6 @@ class Proposal:
     why: str
     repeats: bool
 
-    @classmethod
-    def of(cls, choice: Choice, purpose: str, why: str) -> Proposal:
-        """Proposal of a candidate chosen."""
-        return cls(choice.point, purpose, choice.gain, why, choice.executed)
-
 
 class Criterion(Protocol):
     """Proposes one run at a time, given all before it: those made, and those of the batch."""
@@ -77,7 +72,8 @@ class Greedy:
         # Where all settings were run already, one of them is the best there is.
         allowed = {"all": np.ones_like(executed), "executed": executed, "new": ~executed | executed.all()}[self.among]
         choice = search.best(self.gain, allowed)
-        return Proposal.of(choice, *self._says(choice))
+        purpose, why = self._says(choice)
+        return Proposal(choice.point, purpose, choice.gain, why, choice.executed)
 
 
 class Optimum(Greedy):
