@@ -114,7 +114,7 @@ def fit_application(
         field = f"application '{application.name}'" if len(spec.applications) > 1 else None
         raise FitError(*(replace(problem, field=field) for problem in error.problems)) from None
     surface = surface_of(spec, model, data, scale, fit, ground)
-    departure = weigh_departure(surface, spec.seed, spec.states_prior(application))
+    departure = weigh_departure(surface, spec.seed, application.prior is not None)
     if "flight" in data.sources:  # over the real ground
         ground = None
     return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)

@@ -205,11 +205,6 @@ class CampaignSpec:
         """The scene file, or None without a simulator."""
         return None if self.simulator is None else self.folder / self.simulator.scene
 
-    def states_prior(self, application: ApplicationSpec) -> bool:
-        """Whether something is stated of the coefficients of an application's surface."""
-        known = application.prior
-        return known is not None and (known.utility is not None or bool(known.effect))
-
     def application(self, name: str) -> ApplicationSpec:
         """The application of this name; SpecError when there is none."""
         for application in self.applications:
