@@ -20,15 +20,7 @@ STATES = tuple(TRANSITIONS)
 FAULTS = ("settings", "machine", "unknown")
 """Where a failure lies; only one of the settings is final."""
 
-METADATA = sa.MetaData(
-    naming_convention={
-        "pk": "pk_%(table_name)s",
-        "fk": "fk_%(table_name)s_%(column_0_name)s",
-        "uq": "uq_%(table_name)s_%(column_0_name)s",
-        "ix": "ix_%(table_name)s_%(column_0_name)s",
-        "ck": "ck_%(table_name)s_%(constraint_name)s",
-    }
-)
+METADATA = sa.MetaData()
 
 # key -> value: "campaign", "created_at", "created_version".
 META = sa.Table(
@@ -58,7 +50,7 @@ RUNS = sa.Table(
     sa.Column("ended_at", sa.String(32)),
     sa.Column("seen_at", sa.String(32)),
     sa.Column("fault", sa.String(16), nullable=False, server_default=""),
-    sa.CheckConstraint("id >= 1", name="id"),
+    sa.CheckConstraint("id >= 1"),
 )
 
 SCORES = sa.Table(
