@@ -14,12 +14,12 @@ The tables and keys of the file. Keys without a default are required; unknown ke
 ``[[application]]``, one or more
     ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and others of
     :mod:`seqrsm.score.utilities`, or "package.module:function"; ``goal`` ("maximize", or "minimize", the default for
-    errors); ``weight`` (1); ``unacceptable`` and ``ideal``: scores with desirability 0 and 1 in a compromise, by
-    default the worst and best of the fitted surface; ``half_width``, ``loss``: targets in place of those of ``[stop]``,
-    required where applications have scores of different units; ``sufficient``: score from which a candidate suffices,
-    by default that of the optimum minus the target half-width; ``catalog`` (words of the name or description): words
-    the report looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of measured scores and of
-    your own functions.
+    errors); ``weight`` (1): its share in a compromise; ``unacceptable`` and ``ideal``: scores with desirability 0 and 1
+    in a compromise, by default the worst and best of the fitted surface; ``half_width``, ``loss``: targets in place of
+    those of ``[stop]``, required where applications have scores of different units; ``sufficient``: score from which a
+    candidate suffices, by default that of the optimum minus the target half-width; ``catalog`` (words of the name or
+    description): words the report looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of
+    measured scores and of your own functions.
 ``[application.prior]``, below its ``[[application]]``
     Prior knowledge: ``utility = [low, high]``: the mean score at a random setting lies in this interval with
     ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (a tenth of that range), with the weight

@@ -101,24 +101,7 @@ class ExpectedOptimum(Table):
 
 
 class KnowledgeSpec(Table):
-    """``[application.prior]``: prior knowledge of an application, in natural terms.
-
-    Attributes
-    ----------
-    utility : list of two floats, or None
-        The mean score at a setting taken at random lies between these with ``probability``.
-    probability : float
-        In [0.5, 1).
-    repeat_sd : float or None
-        Scatter of runs repeated at one setting, score units; None: a tenth of the range of ``utility``.
-    repeat_runs : float
-        How many runs that is worth.
-    optimum : dict
-        Of numeric factors: where the best value is expected.
-    effect : dict
-        Of numeric factors: least and largest change of the mean score from the low to the high end of the range, the
-        other factors in the middle of theirs; -inf and inf where there is no bound.
-    """
+    """``[application.prior]``: prior knowledge of an application, in natural terms."""
 
     utility: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     probability: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.95
@@ -129,32 +112,7 @@ class KnowledgeSpec(Table):
 
 
 class ApplicationSpec(Table):
-    """An application: what the scores measure, and whether they are maximized or minimized.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the campaign.
-    utility : str
-        In the words of `seqrsm.score.utilities`, or "package.module:function".
-    goal : {"maximize", "minimize"}
-        "minimize" is the default, and the only one, of errors such as "soil_moisture_error".
-    weight : float
-        Its share in a compromise, > 0, relative to the other applications.
-    unacceptable, ideal : float or None
-        Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
-    half_width : float or None
-        Target half-width in the unit of its scores; None: that of ``[stop]``.
-    loss : float or None
-        Expected loss allowed, in that unit; None: that of ``[stop]``.
-    sufficient : float or None
-        Score from which on a sensor suffices; None: that of the optimum, less the target half-width.
-    catalog : str
-        Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
-    unit : str
-        Of the scores, where the utility does not define it: of measured scores and of your own functions.
-    prior : KnowledgeSpec or None
-    """
+    """An application: what the scores measure, and whether they are maximized or minimized."""
 
     name: Name
     utility: Annotated[str, AfterValidator(_is_utility)]
@@ -214,21 +172,7 @@ class ApplicationSpec(Table):
 
 
 class ConsiderationSpec(Table):
-    """Another objective of a compromise: an exactly known function of the settings.
-
-    Attributes
-    ----------
-    name : str
-    expr : str
-        Its value from the factors, natural units.
-    unit : str
-        Of that value.
-    goal : {"maximize", "minimize"}
-    weight : float
-        As of an application, > 0.
-    unacceptable, ideal : float or None
-        Values of desirability 0 and 1; None: the worst and the best over the region.
-    """
+    """Another objective of a compromise: an exactly known function of the settings."""
 
     name: Name
     expr: str
@@ -240,19 +184,7 @@ class ConsiderationSpec(Table):
 
 
 class CandidateSpec(Table):
-    """``[[candidate]]``: a sensor to compare with the optimum.
-
-    Attributes
-    ----------
-    sensor : str
-        Of `seqrsm.sensor.named`; "*" stands for all that fit the factors; "": what ``parameters`` say.
-    name : str
-        Of one without ``sensor``.
-    polarization : str
-        Which of the sensor's sets of channels; "": the first.
-    parameters : dict
-        Of the sensor where they differ, by their names as factors; all others are those of the optimum.
-    """
+    """``[[candidate]]``: a sensor to compare with the optimum."""
 
     sensor: str = ""
     name: str = ""
@@ -261,7 +193,7 @@ class CandidateSpec(Table):
 
 
 class ModelSpec(Table):
-    """The response surface; see the module for the meaning of each key."""
+    """The response surface."""
 
     order: Order = 2
     response: Literal["identity", "logit"] = "identity"
@@ -308,7 +240,7 @@ class CostSpec(Table):
 
 
 class StopSpec(Table):
-    """When the campaign stops; see the module for the meaning of each key."""
+    """When the campaign stops."""
 
     half_width: PositiveNumber
     loss: PositiveNumber | None = None
