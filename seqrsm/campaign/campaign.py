@@ -307,19 +307,18 @@ class Campaign:
     def measure_ground_at(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> bool:
         """The same at what is recommended, where it was not done there: scatter differs from place to place.
 
-        Whether any had to be measured: what the runs tell has then changed.
+        Whether any was measured: what the runs tell has then changed.
         """
         done = [(event.detail["application"], event.detail["settings"]) for event in self.store.events(kind=MEASURED)]
         own = [(one.application, dict(one.optimum.settings)) for one in analyses if one.optimum.ground is not None]
         wanted = [one for one in own if one not in done]
-        for name, settings in wanted:
-            self._simulate_grounds(name, settings, workers, cluster)
-        return bool(wanted)
+        added = [self._simulate_grounds(name, settings, workers, cluster) for name, settings in wanted]
+        return any(added)
 
     def _simulate_grounds(
         self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
-    ) -> None:
-        """Two occasions in each of some worlds; an event keeps the scores."""
+    ) -> bool:
+        """Two occasions in each of some worlds; an event keeps the scores. Whether there were enough."""
         from seqrsm.campaign.simulation import bundle_tasks
 
         tasks = bundle_tasks(self.spec, settings, self.cells_of_ground())
@@ -328,6 +327,7 @@ class Campaign:
         if len(whole) > 1:
             detail = {"application": application, "settings": dict(settings), "scores": whole.tolist()}
             self.store.add_event(MEASURED, detail, once=("application", "settings"))
+        return len(whole) > 1
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what would be left of the variance between grounds if covers were known.

@@ -73,7 +73,7 @@ def test_run_again_does_nothing_more(finished) -> None:
     assert again["applications"][0]["optimum"] == outcome["applications"][0]["optimum"]
 
 
-def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished) -> None:
+def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished, monkeypatch) -> None:
     """Not at the best of the runs so far, nor over the region, where poor settings scatter more."""
     campaign = Campaign.open(finished[0])
     first, last = (event.detail for event in campaign.store.events(kind=MEASURED))
@@ -84,6 +84,9 @@ def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished) -> No
     bundle = bundle_tasks(campaign.spec, analysis.optimum.settings, campaign.cells_of_ground())
     assert carry_out(bundle[0]).scores[0].score == pytest.approx(last["scores"][0][0])
     assert not campaign.measure_ground_at([analysis])  # nothing is simulated twice
+    elsewhere = replace(analysis, optimum=replace(analysis.optimum, settings=first["settings"] | {"resolution": 33.0}))
+    monkeypatch.setattr(Campaign, "scores_of", staticmethod(lambda tasks, *_: np.full(len(tasks), np.nan)))
+    assert not campaign.measure_ground_at([elsewhere])  # nor again and again where nothing can be
     campaign.store.close()
 
 
