@@ -23,7 +23,6 @@ from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
 from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]
-
 WAIT_S = 1.0
 """How often runs in the hands of another process are looked at [s]."""
 _BROKEN_BATCHES = 3  # in a row, without any score: the campaign ends

@@ -40,8 +40,8 @@ from seqrsm.store.records import NewScore
 _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 _BUNDLE = 2**30  # ids beyond any run's
 _FILES: Final = ("scene", "table", "known_map", "calendar")  # of a task and of [simulator]
-NO_RUN = 0
 _MOST_LARGE: Final = 0.5  # of the scored ground in fields that training and test divide
+NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
 
 

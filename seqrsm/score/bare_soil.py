@@ -22,7 +22,6 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import fields_of, finest, pixels_of, tile_m
-from seqrsm.sensor.radar import PHASE
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image
 from seqrsm.simulate.radar.result import RadarImage
@@ -103,7 +102,7 @@ def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
     """The table's own means at each moisture of `GRID`, one for each channel; the phase, if any, is left unused."""
     assert image.table is not None
     table = image.table.in_world(None)
-    radar = replace(image.radar, channels=tuple(c for c in image.radar.channels if c != PHASE))
+    radar = replace(image.radar, channels=image.radar.recorded)
     _, wind = nominal_ground_state(radar)
     return [look_up(scene, radar, table, (float(m), wind), image.day) for m in GRID]
 

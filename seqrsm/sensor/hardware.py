@@ -15,7 +15,7 @@ import numpy as np
 
 from seqrsm.constants import EARTH_GM_M3_S2, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from seqrsm.sensor.earth import range_geometry
-from seqrsm.sensor.radar import PHASE, RadarConfiguration
+from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.units import db_to_linear
 
 ASSUMED_BITS: Final = 4
@@ -62,7 +62,7 @@ def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> f
     near, far = range_geometry(np.array([max(near_m, 0.0), far_m]), radar.altitude_m, radar.curved).slant_range_m
     echo_s = 2.0 * float(far - near) / SPEED_OF_LIGHT_M_S + 1e-6 * radar.pulse_length_us
     samples = _SAMPLES_A_HERTZ * 1e6 * radar.bandwidth_mhz * echo_s
-    received = sum(channel != PHASE for channel in radar.channels) / radar.n_transmit
+    received = len(radar.recorded) / radar.n_transmit
     return 2.0 * (radar.adc_bits or ASSUMED_BITS) * samples * received * radar.prf_hz
 
 

@@ -303,15 +303,19 @@ class RadarConfiguration:
         return self.pixel_spacing_m * (1.0 if self.range_format == "ground" else math.sin(self.centre_incidence_rad))
 
     @property
+    def recorded(self) -> tuple[str, ...]:
+        """Its channels without the phase, which is that between two of them."""
+        return tuple(channel for channel in self.channels if channel != PHASE)
+
+    @property
     def layers(self) -> tuple[str, ...]:
-        """Layers of its images: a channel each, but `TOGETHER` for the phase."""
-        recorded = tuple(channel for channel in self.channels if channel != PHASE)
-        return recorded if recorded == self.channels else (*recorded, *TOGETHER)
+        """Layers of its images: a channel each, and at the end `TOGETHER` for the phase."""
+        return (*self.recorded, *TOGETHER) if PHASE in self.channels else self.channels
 
     @property
     def n_transmit(self) -> int:
         """Number of transmit polarizations that share the pulses."""
-        return len({layer[0] for layer in self.layers})
+        return len({channel[0] for channel in self.recorded})
 
     def ground_resolution_m(self, incidence_rad: _Real) -> _Real:
         """Ground range resolution of one look, c/(2 B sin(theta)) [m], at incidence angles [rad] > 0."""
@@ -455,7 +459,7 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if {"HV", "VH"} <= set(radar.channels):
         text = "HV and VH carry the same information"
         yield at_fault(radar, "polarization", text, "Omit one: HH+HV+VV is complete")
-    if len({layer[0] == "R" for layer in radar.layers}) > 1:
+    if len({channel[0] == "R" for channel in radar.recorded}) > 1:
         text = "a radar sends circular waves or linear ones: from both linear ones every other follows"
         yield at_fault(radar, "polarization", text, "Use RH+RV, or HH+HV+VV")
     if radar.scan == "ppi":

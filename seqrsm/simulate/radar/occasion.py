@@ -154,7 +154,7 @@ def draw_occasion(
 
 def _recorded(radar: RadarConfiguration, lookups: Sequence[Sigma0Lookup]) -> list[tuple[int, str, Sigma0Lookup]]:
     """Place, name and look-up of the layers that are channels."""
-    return [(c, *of) for c, of in enumerate(zip(radar.layers, lookups, strict=True)) if of[0] not in TOGETHER]
+    return [(c, *of) for c, of in enumerate(zip(radar.recorded, lookups, strict=False))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +351,7 @@ def look_up(
         )
 
     found = []
-    for channel in filter(GROUND_OF.get, radar.channels):
+    for channel in radar.recorded:
         like = find(GROUND_OF[channel])
         if channel[0] == "R":
             like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))

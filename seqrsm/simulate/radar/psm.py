@@ -272,7 +272,7 @@ def _faded(
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
     if PHASE not in radar.channels:
         return _faded_alone(mean, noise, looks, radar.layers, radar, key, threads)
-    n = len(mean) - len(TOGETHER)  # these come last
+    n = len(radar.recorded)
     out = np.empty_like(mean)
     out[:n] = _faded_alone(mean[:n], noise, looks, radar.layers[:n], radar, key, threads)
     alone = np.ones_like(mean[n:]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
