@@ -320,6 +320,10 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     assert result.exit_code == 3, result.output
     assert "The budget, 17 of the campaign's 40 runs, was spent before" in result.stdout
     assert len(scores(folder)) == 17
+    campaign = Campaign.open(folder)  # what is told of flights at the end is of where it ended, held or not
+    (analysis,) = campaign.analyse_all()
+    assert campaign.store.events(kind=MEASURED)[-1].detail["settings"] == analysis.optimum.settings
+    campaign.store.close()
 
 
 def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:
