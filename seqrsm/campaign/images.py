@@ -171,8 +171,10 @@ def simulated(
 def _remarks(picture: Picture, out: Path) -> list[str]:
     """What a look at the file would not tell: channels left out, grey tones that are all the same."""
     remarks = []
-    if out.suffix.lower() == ".png" and len(picture.channels) == 2:
-        remarks.append(f"shown is {picture.channels[0]}, the .tif and the .npz hold {' and '.join(picture.channels)}")
+    names = picture.channels
+    if out.suffix.lower() == ".png" and len(names) not in (1, 3):
+        shown = f"shown is {names[0]}" if len(names) == 2 else f"shown are {', '.join(names[:3])}"
+        remarks.append(f"{shown}, the .tif and the .npz hold {' and '.join((', '.join(names[:-1]), names[-1]))}")
     levels = picture.levels
     for channel, plane in zip(picture.channels, () if levels is None else levels, strict=False):
         if plane.size > 1 and plane.min() == plane.max():

@@ -240,7 +240,7 @@ _PROJECTED_CS_KEY = 3072
 
 
 def write_png(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
-    """Grey image of the first channel, or a composite of three (red, green, blue in the order of the channels).
+    """Grey image of the first channel, or a composite of the first three (red, green, blue in their order).
 
     Grey tones of more than 8 bits that the sensor asks for are written as 16 bits, where there is one channel.
     """
@@ -249,7 +249,7 @@ def write_png(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
     from PIL.PngImagePlugin import PngInfo
 
     tones = greytones(picture) if picture.levels is None else _shown_levels(picture)
-    shown = np.moveaxis(tones, 0, -1) if len(tones) == 3 else tones[0]
+    shown = np.moveaxis(tones[:3], 0, -1) if len(tones) > 2 else tones[0]
     note = PngInfo()
     note.add_text("seqrsm settings", json.dumps(dict(settings)))
     put(out, lambda stream: Image.fromarray(np.ascontiguousarray(shown)).save(stream, "PNG", pnginfo=note))
@@ -258,7 +258,7 @@ def write_png(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
 def _shown_levels(picture: Picture) -> AnyArray:
     """Levels of a calibrated picture spread over 8 or 16 bits: black is 0, white the greatest level."""
     assert picture.levels is not None
-    deep = picture.n_bits > 8 and len(picture.levels) != 3
+    deep = picture.n_bits > 8 and len(picture.levels) < 3
     top = 65535.0 if deep else 255.0
     planes = picture.levels * (top / (2.0**picture.n_bits - 1.0))
     if picture.arrange is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
@@ -208,6 +209,14 @@ def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
     assert "polarization HH+VV+phase" not in made["summary"]  # it is fixed
     with np.load(folder / "i.npz") as image:
         assert image["channels"].tolist() == ["HH", "VV", "HH+VV", "HH+iVV"]
+    shown = seqrsm(
+        "image", folder, *(f"--set={name}={value}" for name, value in settings.items()), "--out", folder / "i.png"
+    )
+    assert "shown are HH, VV, HH+VV, the .tif and the .npz hold HH, VV, HH+VV and HH+iVV" in " ".join(
+        shown.stderr.split()
+    )
+    with Image.open(folder / "i.png") as composite:
+        assert composite.mode == "RGB"
 
 
 def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, tiny_scene) -> None:
