@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 
 import numpy as np
@@ -16,6 +17,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.figures import drawing as drawn
 from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, svg_for_html, tell
 from seqrsm.report.figures.files import named_panels, write_figures
+from seqrsm.report.figures.optimum import _label_style
 from seqrsm.report.wording import slug
 
 
@@ -156,3 +158,29 @@ def test_chinese_is_drawn_by_a_font_that_has_it(recwarn) -> None:
     water, flat = (draw(lambda axes, sign=sign: axes.set_xlabel(sign)) for sign in "\u6c34\u5e73")
     assert water != flat
     assert not list(recwarn)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        ["HH", "HH+HV", "HH+HV+VV+phase"],
+        ["H", "V"],
+        ["HH+HV", "VV+VH", "HH+HV+VV+phase"],
+        ["HH+HV", "VV+VH"],
+        ["L", "C", "L+C"],
+        ["HH", "VV", "HH+VV", "RH+RV"],
+        ["HH", "HV", "VV", "HH+HV", "HH+VV", "HV+VV", "HH+HV+VV", "FULLPOL"],
+    ],
+)
+def test_names_of_levels_below_an_axis_do_not_run_into_each_other(labels):
+    boxes = []
+
+    def paint(axes):
+        axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
+        axes.set_xlim(-0.6, len(labels) - 0.4)
+        axes.set_ylabel("score [percent]")
+        axes.figure.draw_without_rendering()
+        boxes.extend(label.get_window_extent() for label in axes.get_xticklabels() if label.get_rotation() == 0.0)
+
+    draw(paint)
+    assert all(right.x0 - left.x1 >= 1.0 for left, right in itertools.pairwise(boxes))

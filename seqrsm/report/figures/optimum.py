@@ -5,6 +5,7 @@ Nothing is estimated here.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 _MANY = 150
 """Marks of runs that are drawn in full size."""
 _CLOUD_POINTS = 220
+_AXIS_LETTERS = 30
+"""That fit below the axis of a panel."""
 _FAR = 3.0
 """Times the widest interval beyond which a target is not drawn: the intervals would be points."""
 Row = tuple[float | str, ...]
@@ -329,7 +332,8 @@ def factor_column(factor: Factor) -> str:
 
 def _label_style(labels: list[str]) -> dict[str, Any]:
     """Slant labels that would run into each other."""
-    if sum(len(label) for label in labels) + 2 * len(labels) <= 42:
+    sizes, room = [len(label) for label in labels], _AXIS_LETTERS / len(labels)
+    if all(0.5 * (one + following) + 1.0 <= room for one, following in itertools.pairwise(sizes)):
         return {}
     return {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
 
