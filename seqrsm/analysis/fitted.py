@@ -135,6 +135,9 @@ def fit_surface(
     n, needed = len(data.scores), model.p + len(names)
     if n < needed:
         message = f"{counted(n, 'scored run')} cannot determine {needed} terms"
+        if not n:
+            first = "`seqrsm run` simulates some." if spec.simulator else "`seqrsm propose` names runs to score."
+            raise FitError(message, first)
         if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
             message += f", {len(names)} of them for blocks"
             raise FitError(message, f"Blocks need several runs each: {_ONE_MORE}, or omit the block.")

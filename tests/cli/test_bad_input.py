@@ -135,7 +135,7 @@ def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("void", tiny, 99, "--why", "x"), "99")
     refused(seqrsm("image", tiny, "--out", tmp_path / "a.gif"), ".png")
     refused(seqrsm("image", tiny, "--set", "colour=1", "--out", tmp_path / "a.png"), "colour")
-    refused(seqrsm("fit", tiny), "0 scored runs")
+    refused(seqrsm("fit", tiny), "0 scored runs", "`seqrsm run` simulates some.")
     refused(seqrsm("report", tiny), "0 scored runs")
     refused(seqrsm("propose", tiny, "--source", "balloon"), "balloon")
     refused(seqrsm("scene", "show", tmp_path / "no.npz"), "no.npz")

@@ -323,6 +323,6 @@ def test_an_application_without_scores_is_named(tmp_path) -> None:
     (folder / "s.csv").write_text("\n".join(["x0,x1,application,score", *rows, *rows]), encoding="utf-8")
     call("ingest", folder, folder / "s.csv", "--accept")
     refused = call("fit", folder, code=2)
-    assert "application 'other': 0 scored runs cannot determine 6 terms" in refused.stderr
+    assert "application 'other': 0 scored runs cannot determine 6 terms. `seqrsm propose` names" in refused.stderr
     told = call("propose", folder, "--source", "flight", "-n", 2).output
     assert "do not determine all 6 terms of the model for every application" in " ".join(told.split())
