@@ -184,10 +184,22 @@ def drawn_by_frequency(
     frequency_ghz : float
         Above 0 [GHz].
     """
-    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
-    lower, share = math.floor(at), at % 1.0
+    lower, share = _place(frequency_ghz)
     here, above = (generator(seed, number, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
     return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
+
+
+def related_by_frequency(one_ghz: float, other_ghz: float) -> float:
+    """Correlation of what two frequencies [GHz] see of `drawn_by_frequency`."""
+    first, second = ({band: 1.0 - share, band + 1: share} for band, share in (_place(one_ghz), _place(other_ghz)))
+    common = sum(weight * second.get(band, 0.0) for band, weight in first.items())
+    return common / (math.hypot(*first.values()) * math.hypot(*second.values()))
+
+
+def _place(frequency_ghz: float) -> tuple[int, float]:
+    """Number of the draws below a frequency, and its place between them and the next."""
+    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
+    return math.floor(at), at % 1.0
 
 
 @lru_cache(maxsize=4096)

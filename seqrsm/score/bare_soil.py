@@ -22,10 +22,11 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
 from seqrsm.score.evidence import fields_of, finest, pixels_of, tile_m
+from seqrsm.sensor.radar import GROUND_OF
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.visits import region_spread
+from seqrsm.simulate.visits import region_spread, related_fields
 from seqrsm.units import linear_to_db
 
 GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
@@ -33,6 +34,7 @@ GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
 
 FINE: Final[FloatArray] = np.linspace(GRID[0], GRID[-1], 97)
 _DB: Final = 10.0 / math.log(10.0)
+_UNSEEN_DB2: Final = 1e6
 _SEEN_DB: Final = 0.1  # a category whose backscatter changes by less shows no moisture
 
 
@@ -45,7 +47,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     Parameters
     ----------
     images : sequence of RadarImage
-        Of one date; what fields differ by is taken to be independent between them. Of several dates each is a case of
+        Of one date; near frequencies see nearly the same of what fields differ by. Of several dates each is a case of
         its own: a field's roughness lasts about as its moisture does, so that all dates together tell 0.03 of its
         variance more at best, and less where the table has a date's mean wrong.
     scene : Scene
@@ -74,25 +76,27 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     if not len(bare):
         return np.zeros(0), of_cell
     found = [_departures_db(image, scene, of_cell, kind, one) for image, one in zip(images, tables, strict=True)]
-    away = np.concatenate([one for one, _ in found])
-    covariance = np.zeros((len(bare), len(away), len(away)))
-    ends = np.cumsum([0, *(len(one) for one, _ in found)])
-    for (_, own), a, b in zip(found, ends[:-1], ends[1:], strict=True):
-        covariance[:, a:b, a:b] = own
-    seen = np.isfinite(away[:, :, 0]).all(axis=0)
-    away, covariance = away[:, seen], covariance[seen]
+    away, of_speckle, of_parts = (np.concatenate(layers) for layers in zip(*found, strict=True))
+    covariance = _covariance(images, steps[0], kind, of_speckle, of_parts)
+    here = np.isfinite(away[:, :, 0])
+    told, seen = here.any(axis=1), here.any(axis=0)
+    away, here, looks = away[told][:, seen], here[told][:, seen], [steps[0][c] for c in np.flatnonzero(told)]
+    covariance = covariance[seen][:, told][:, :, told]
+    blind = ~here.T  # what a radar does not see of a field may be anything
+    covariance[blind], covariance.swapaxes(1, 2)[blind] = 0.0, 0.0
+    covariance += _UNSEEN_DB2 * np.einsum("nc,cd->ncd", blind, np.eye(len(away)))
     radar = images[0].radar
     low, high = radar.soil_moisture_low, radar.soil_moisture_high
     spread = math.hypot(radar.soil_moisture_field_sd, region_spread(scene, radar))
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
     moisture = np.full(len(bare), centre)
     if seen.any():
-        of_date = np.square(np.stack([look.date_sd_db[kind[seen]] for look in steps[0]]))
-        of_mean = np.square(np.stack([look.mean_sd_db[kind[seen]] for look in steps[0]]))
-        common = covariance + np.einsum("cn,cd->ncd", of_date + of_mean, np.eye(len(away)))
-        middle = float(posterior_mean(mahalanobis(away, common).mean(axis=0)[None], FINE, centre, sd)[0])
+        of_ground = np.stack([np.hypot(look.date_sd_db, look.mean_sd_db)[kind[seen]] for look in looks])
+        common = covariance + np.einsum("cn,cd->ncd", np.square(of_ground), np.eye(len(away)))
+        cost = mahalanobis(np.where(here[:, :, None], away, 0.0), common).mean(axis=0)
+        middle = float(posterior_mean(cost[None], FINE, centre, sd)[0])
         at_middle = np.array([[np.interp(middle, FINE, line) for line in layer] for layer in away])
-        departed = away - np.median(at_middle, axis=1)[:, None, None]
+        departed = np.where(here[:, :, None], away - np.nanmedian(at_middle, axis=1)[:, None, None], 0.0)
         moisture[:] = middle
         moisture[seen] = posterior_mean(mahalanobis(departed, covariance), FINE, middle, max(spread, 1e-6))
     return moisture, of_cell
@@ -109,12 +113,11 @@ def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
 
 def _departures_db(
     image: RadarImage, scene: Scene, of_cell: AnyArray, kind: IntArray, steps: list[list[Sigma0Lookup]]
-) -> tuple[FloatArray, FloatArray]:
-    """Backscatter (n_channels, n, n_fine) of fields over what it is, with noise, at each moisture [dB]; its covariance.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Backscatter (n_channels, n, n_fine) of fields over what it is, with noise, at each moisture [dB].
 
-    The covariance (n, n_channels, n_channels) [dB2] is that of fields of one cover, ``kind`` (n,), on one date:
-    channels are related as the table has them; of the parts that fields consist of; and speckle. nan for fields of
-    which no pixel is seen away from their edges.
+    With the variances (n_channels, n) [dB2] of speckle and of the parts that fields consist of. ``kind`` (n,): cover of
+    each field; nan for fields of which no pixel is seen away from their edges.
     """
     pixel, n_azimuth = image.pixel_of_cell, image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
@@ -138,13 +141,31 @@ def _departures_db(
     area = np.maximum(np.bincount(inner[inner >= 0], minlength=len(kind)), 1) * scene.cell_m**2
     n_looks = looks * np.maximum(area / image.radar.resolution_m**2, 1.0)
     of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
-    covariance = np.empty((len(kind), len(shown), len(shown)))
-    for a, one in enumerate(steps[0]):
-        for b, other in enumerate(steps[0]):
-            related = 1.0 if a == b else one.channel_correlation
-            covariance[:, a, b] = related * ((one.field_sd_db * other.field_sd_db)[kind] + of_parts)
-        covariance[:, a, a] += _DB**2 * scipy.special.polygamma(1, n_looks)
-    return found, covariance
+    shape = len(shown), len(kind)
+    of_speckle = _DB**2 * scipy.special.polygamma(1, n_looks)
+    return found, np.broadcast_to(of_speckle, shape), np.broadcast_to(of_parts, shape)
+
+
+def _covariance(
+    images: Sequence[RadarImage],
+    looks: Sequence[Sigma0Lookup],
+    kind: IntArray,
+    of_speckle: FloatArray,
+    of_parts: FloatArray,
+) -> FloatArray:
+    """Covariance (n, n_channels, n_channels) [dB2] of fields of one cover, ``kind`` (n,), on one date.
+
+    Over the channels of all images, which are related as the table has them and as their frequencies see the same of
+    fields and parts; with the variances of `_departures_db`.
+    """
+    seen_by = [(image.radar.frequency_ghz, GROUND_OF[c]) for image in images for c in image.radar.recorded]
+    shared = np.sqrt([look.channel_correlation for look in looks])
+    same = np.array([[a == b for _, b in seen_by] for _, a in seen_by])
+    related = np.where(same, 1.0, np.outer(shared, shared))
+    related *= [[related_fields(a, b) for b, _ in seen_by] for a, _ in seen_by]
+    sd, part = np.stack([look.field_sd_db[kind] for look in looks]), np.sqrt(of_parts)
+    both = np.einsum("cn,dn->ncd", sd, sd) + np.einsum("cn,dn->ncd", part, part)
+    return np.asarray(related * both + np.einsum("cn,cd->ncd", of_speckle, np.eye(len(looks))))
 
 
 def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:

@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from seqrsm.arrays import FloatArray
 from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
-from seqrsm.scattering.worlds import drawn_by_frequency
+from seqrsm.scattering.worlds import drawn_by_frequency, related_by_frequency
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.exchange import Sensor
@@ -88,6 +88,11 @@ def deviates(
 
 
 kept_deviates = cached_by_thread(maxsize=32)(deviates)
+
+
+def related_fields(one_ghz: float, other_ghz: float) -> float:
+    """Correlation of what two frequencies [GHz] see of fields and their parts in one channel on a date."""
+    return 1.0 if one_ghz == other_ghz else (1.0 - OWN_OF_FIELDS) * related_by_frequency(one_ghz, other_ghz)
 
 
 def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:

@@ -10,7 +10,8 @@ import pytest
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scattering.worlds import World, default_mean_sd
+from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency
+from seqrsm.simulate.visits import deviates, related_fields
 
 N = 1500
 WORLDS = [World(1979, k) for k in range(N)]
@@ -147,3 +148,15 @@ def test_a_user_states_how_well_a_mean_is_known(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     assert load_emissivity_table(path).lookup(["Lawn"], 20.0, "H").mean_sd == pytest.approx([0.01])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "told"), [(1.25, 1.4, 0.99), (1.25, 5.4, 0.3), (5.4, 9.6, 0.7), (1.25, 35.0, 0)]
+)
+def test_frequencies_are_related_as_their_draws_are(one: float, other: float, told: float) -> None:
+    draws = [drawn_by_frequency(3, 7, "a test", (40_000,), ghz) for ghz in (one, other)]
+    assert np.corrcoef(draws)[0, 1] == pytest.approx(related_by_frequency(one, other), abs=0.015)
+    assert related_by_frequency(one, other) == pytest.approx(told, abs=0.06)
+    fields = [deviates(3, 7, "fields", (40_000,), ghz, own_share=0.1) for ghz in (one, other)]
+    assert np.corrcoef(fields)[0, 1] == pytest.approx(related_fields(one, other), abs=0.015)
+    assert related_fields(one, one) == 1.0
