@@ -66,7 +66,8 @@ def scene_import(
     if replaced and words.exists():
         words.replace(out.parent / "SCENE-of-template.md")
         say(f"{words} describes the previous scene and was renamed SCENE-of-template.md")
-    (n, size), (n_before, before) = field_sizes(scene.field_id), field_sizes(connected_patches(scene.cover))
+    patches = scene.field_id, connected_patches(scene.cover)
+    (n, size), (n_before, before) = (field_sizes(one, scene.cover) for one in patches)
     hectares, hectares_before = size * scene.cell_m**2 / 1e4, before * scene.cell_m**2 / 1e4
     say(
         f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, fields: {n}, median "

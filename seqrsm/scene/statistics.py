@@ -27,7 +27,7 @@ class SceneStatistics:
     scored_fraction : float
         Share of the cells that are scored.
     n_fields : int
-        Fields that hold at least one cell.
+        Fields that hold at least one cell of a known category.
     median_field_m2 : float
         Median area of a field, each field weighted by its area [m^2].
     """
@@ -46,7 +46,7 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     """Statistics of ``scene``; cells without elevation or category are left out."""
     count = _counts(scene.cover, NO_COVER + 1)[: len(scene.categories)]
     known = max(int(count.sum()), 1)
-    n_fields, median = field_sizes(scene.field_id)
+    n_fields, median = field_sizes(scene.field_id, scene.cover)
     z = scene.elevation_m
     slopes = (part for both in known_slopes(z, scene.cell_m) for part in both)
     return SceneStatistics(
@@ -61,16 +61,17 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     )
 
 
-def field_sizes(field_id: AnyArray) -> tuple[int, float]:
-    """How many fields hold a cell, and their median size [cells], each weighted by its size."""
-    size = _counts(field_id, int(field_id.max()) + 1)
+def field_sizes(field_id: AnyArray, cover: AnyArray) -> tuple[int, float]:
+    """How many fields hold a cell of a known category, and their median size [cells], each weighted by its size."""
+    size = _counts(field_id, int(field_id.max()) + 1, cover != NO_COVER)
     size = np.sort(size[size > 0])
-    return int(size.size), float(size[int(np.searchsorted(np.cumsum(size), 0.5 * field_id.size))])
+    middle = int(np.searchsorted(np.cumsum(size), 0.5 * size.sum()))
+    return int(size.size), float(size[middle]) if size.size else 0.0
 
 
-def _counts(layer: AnyArray, n: int) -> AnyArray:
-    """How many cells hold each of the numbers 0 .. n - 1."""
+def _counts(layer: AnyArray, n: int, counted: AnyArray | None = None) -> AnyArray:
+    """How many cells hold each of the numbers 0 .. n - 1; ``counted``: of these cells alone."""
     total = np.zeros(n, dtype=np.int64)
     for own in strips(*layer.shape):
-        total += np.bincount(layer[own].ravel(), minlength=n)
+        total += np.bincount(layer[own].ravel() if counted is None else layer[own][counted[own]], minlength=n)
     return total

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 
 
@@ -49,3 +50,16 @@ def test_a_scene_is_shown_in_words_and_units(tmp_path: Path) -> None:
     ):
         assert re.search(rf"^{words}$", result.stdout, re.MULTILINE), result.stdout
     assert "_" not in result.stdout
+
+
+def test_ground_of_no_cover_is_no_field() -> None:
+    """It was the largest of all, and the median by area where it covers more than half of the scene."""
+    scene = made()
+    all_of_it = scene_statistics(scene)
+    cover = np.pad(scene.cover, ((0, 80), (0, 0)), constant_values=NO_COVER)
+    rest = {name: np.pad(getattr(scene, name), ((0, 80), (0, 0))) for name in ("elevation_m", "scored")}
+    field = np.pad(scene.field_id, ((0, 80), (0, 0)), constant_values=scene.n_fields)
+    found = scene_statistics(replace(scene, cover=cover, field_id=field, **rest))
+    assert (found.n_fields, found.median_field_m2) == (all_of_it.n_fields, all_of_it.median_field_m2)
+    bare = replace(scene, cover=np.full_like(scene.cover, NO_COVER), scored=np.zeros_like(scene.scored))
+    assert scene_statistics(bare).n_fields == 0
