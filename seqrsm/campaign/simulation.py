@@ -19,6 +19,7 @@ from seqrsm.design.factors import settings_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scattering.calendar import load_calendar
+from seqrsm.scattering.readers import COVER
 from seqrsm.scattering.sigma0 import DEFAULT_SEASON
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
@@ -480,10 +481,12 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 met.setdefault(kind, []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
-                found.setdefault(_NUMBERS.sub("0", str(problem)), []).append((problem, shown))
+                told = (
+                    str(problem) if problem.field == COVER else _NUMBERS.sub("0", str(problem))
+                )  # a cover by its name
+                found.setdefault(told, []).append((problem, shown))
     if found:
-        told = [_sensor_problem(spec, met, len(points)) for met in found.values()]
-        raise SpecError(*told[:10])
+        raise SpecError(*[_sensor_problem(spec, met, len(points)) for met in found.values()][:10])
     return tuple(
         f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
         for kind, notes in met.items()

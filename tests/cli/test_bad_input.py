@@ -74,6 +74,18 @@ def test_a_cover_without_backscatter_is_named_with_its_scene(tiny) -> None:
     refused(seqrsm("check", tiny), "campaign.toml:24: [simulator] scene", "'Moor'", "Trees", "legend")
 
 
+def test_covers_that_differ_by_a_number_are_told_one_by_one(tiny) -> None:
+    """They were taken for one, met at twice as many settings as there are, which narrower ranges would mend."""
+    with np.load(tiny / "scene.npz") as scene:
+        layers = dict(scene)
+    layers["categories"] = np.array(["Wheat 2", "Wheat 3", *layers["categories"][2:]])
+    np.savez_compressed(tiny / "scene.npz", **layers)
+    done = seqrsm("check", tiny)
+    refused(done, "'Wheat 2'", "'Wheat 3'")
+    assert done.stderr.count("campaign.toml:24: [simulator] scene") == 2
+    assert "This happens at" not in done.stderr
+
+
 def test_scene_layers_that_differ_in_size(tiny) -> None:
     with np.load(tiny / "scene.npz") as scene:
         arrays = dict(scene)
