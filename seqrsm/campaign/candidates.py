@@ -132,6 +132,12 @@ def _fits(spec: CampaignSpec, sensor: NamedSensor) -> bool:
     return sensor.status != "past"
 
 
+def why_not(error: UserError) -> str:
+    """Why a candidate cannot be judged: each thing once, three of many, such as covers of which its band is unknown."""
+    told = list(dict.fromkeys(problem.message for problem in error.problems))
+    return "; ".join(told if len(told) < 5 else [*told[:3], f"and {len(told) - 3} more"])
+
+
 def measure_candidates(
     campaign: Campaign, *, worlds: int = N_WORLDS, workers: int = 1, progress: Callable[[int, int], None] = silent
 ) -> dict[str, Any]:
@@ -265,7 +271,7 @@ class _Comparer:
                 raise ConfigurationError("its settings lie outside the region, and there is no simulator")
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
         except UserError as error:
-            return {**told, "why": "; ".join(problem.message for problem in error.problems)}
+            return {**told, "why": why_not(error)}
 
     def _in_region(self, candidate: Candidate) -> dict[str, float | str] | None:
         """Its settings, where factors tell all of it and lie in the region; of named ones only without a simulator."""

@@ -323,9 +323,10 @@ def _at_frequency(
 ) -> tuple[FloatArray, float, tuple[str, ...]]:
     """Values (3, 91) at a frequency from those at the nodes (n_frequency, 3, 91), error [dB] and statuses (3,)."""
     nodes = curve.frequency_ghz
-    low, high = float(nodes[0]) / _OCTAVE, float(nodes[-1]) * _OCTAVE
+    ends = float(nodes[0]), float(nodes[-1])
+    low, high = ends[0] / _OCTAVE, ends[1] * _OCTAVE
     if not low <= frequency_ghz <= high:
-        message = f"sigma0 of {curve.category} is known at {nodes[0]:g} to {nodes[-1]:g} GHz"
+        message = f"sigma0 of {curve.category} is known at {' to '.join(dict.fromkeys(f'{x:g}' for x in ends))} GHz"
         remedy = f"Stay within one octave of that: {low:g} to {high:g} GHz, or give a table that covers it"
         raise ScatteringDataError(message, remedy, field="frequency", value=frequency_ghz)
     position = np.log2(nodes / frequency_ghz)

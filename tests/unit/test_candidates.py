@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.candidates import Sufficing, compared
+from seqrsm.campaign.candidates import why_not
 from seqrsm.campaign.instruments import Instrument, mixtures
+from seqrsm.errors import Problem, SceneError
 from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
 from seqrsm.sensor.named import noise_equivalent_db, radar_of, radiometer_of, sensors_called
 from seqrsm.sensor.radar import RadarConfiguration, from_settings
@@ -117,4 +119,14 @@ def test_a_set_with_less_power_differs_in_noise_alone() -> None:
     assert name == "noise"
     assert [noise_equivalent_db(one) for one in mixed.sensors] == pytest.approx(
         [noise_equivalent_db(one) + 20.0 for one in base.sensors]
+    )
+
+
+def test_why_a_candidate_cannot_be_judged_is_short() -> None:
+    def told(*messages: str) -> str:
+        return why_not(SceneError(*(Problem(one) for one in messages)))
+
+    assert told("no L band", "no L band", "no HV") == "no L band; no HV"
+    assert told(*(f"nothing of cover {k}" for k in range(15))) == (
+        "nothing of cover 0; nothing of cover 1; nothing of cover 2; and 12 more"
     )

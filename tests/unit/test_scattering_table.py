@@ -132,6 +132,14 @@ def test_extrapolation_reaches_one_octave_and_is_flagged() -> None:
         TABLE.lookup(["Wheat"], 0.6, "HH")
 
 
+def test_a_table_of_one_frequency_is_told_as_one(tmp_path: Path) -> None:
+    lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source"]
+    lines += [f"sigma0,Peas,1.25,{p},{at},-12,dB,measured,ours" for p in ("HH", "HV", "VV") for at in (20, 60)]
+    (tmp_path / "own.csv").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ScatteringDataError, match=r"sigma0 of Peas is known at 1.25 GHz \(got 5.4\)"):
+        load_sigma0_table(tmp_path / "own.csv").lookup(["Peas"], 5.4, "HH")
+
+
 def test_extrapolated_values(tmp_path: Path) -> None:
     """Table of -20, -14, -12 dB at 1, 4, 8 GHz: below the first slope of 3 dB/octave, above half of the line's."""
     levels = {1.0: -20.0, 4.0: -14.0, 8.0: -12.0}
