@@ -59,7 +59,7 @@ class GroundModel:
     permittivity : float
         Real part at 20 GHz (loss tangent 0.15), for "wet" and "constant".
     roughness : float
-        h: the ground's reflectivity is multiplied by exp(-h).
+        h at 20 GHz: the ground's reflectivity is multiplied by exp(-h). That of soil falls with frequency.
     tau_20ghz, omega, tau_exponent : float
         Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows. The
         depth of a canopy whose water is known is that which a radar sees in its course through the year.
@@ -79,8 +79,10 @@ class GroundModel:
         self, frequency_ghz: float, polarization: str, moisture: FloatArray, canopy: float = 1.0
     ) -> FloatArray:
         """1 - emissivity for each of n moistures on `THETA_DEG`, (n, 91); ``canopy``: factor of the optical depth."""
+        roughness = self.roughness
         if self.ground == "soil":
             permittivity = permittivity_soil(frequency_ghz, moisture[:, None])
+            roughness *= min(frequency_ghz / TABLE_FREQUENCY_GHZ, 1.0)  # of which long waves see less
         else:
             only = complex(self.permittivity, 0.15 * self.permittivity)
             if self.ground == "water":
@@ -91,7 +93,7 @@ class GroundModel:
             permittivity = np.full((len(moisture), 1), only)
         tau = canopy * self.tau_20ghz * (frequency_ghz / TABLE_FREQUENCY_GHZ) ** self.tau_exponent
         theta = np.deg2rad(THETA_DEG)
-        return 1.0 - emissivity_mo82(permittivity, self.roughness, tau, self.omega, theta, polarization)
+        return 1.0 - emissivity_mo82(permittivity, roughness, tau, self.omega, theta, polarization)
 
 
 @lru_cache(maxsize=64)
