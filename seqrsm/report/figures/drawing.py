@@ -159,6 +159,11 @@ def panel(
     return Panel(title, alt, partial(draw, paint, width_in, height_in), name=slug(name), data=data)
 
 
+def legend_above(axes: Axes) -> None:
+    """Name lines above the axes, where they hide none."""
+    axes.legend(fontsize=6.5, ncol=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+
+
 def tell(marks: Artist, texts: Sequence[str]) -> None:
     """Give each mark of a scatter a text that a browser shows while the pointer is over it.
 

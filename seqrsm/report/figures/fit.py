@@ -38,7 +38,7 @@ def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
     axes.set_xlim(1.0, 365.0)
     axes.set_xlabel("day of the year")
     axes.set_ylabel("sigma0 [dB]")
-    axes.legend(frameon=False, fontsize=6.5, ncol=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    drawing.legend_above(axes)
     axes.grid(visible=True, zorder=0)
 
 
@@ -164,7 +164,7 @@ def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, 
     _whole_numbers(axes.xaxis)
     axes.set_xlabel("scored runs")
     axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
-    axes.legend(loc="best")
+    drawing.legend_above(axes)
     axes.grid(visible=True, zorder=0)
 
 

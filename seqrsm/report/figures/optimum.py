@@ -162,7 +162,7 @@ def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes
         axes.plot(x, mean, color=color, marker="o", markersize=3.5, label=shortened(label, 24), clip_on=False)
     set_numeric_axis(axes, "x", factor)
     axes.set_ylabel(score_label(analysis))
-    axes.legend(frameon=False, fontsize=7)
+    axes.legend(fontsize=7)
     axes.grid(visible=True, zorder=0)
 
 
