@@ -34,6 +34,8 @@ LEVEL_WORLDS = 8
 
 COVERS = 3
 """Of which is told what knowing them would bring."""
+FEW_WORLDS = 4
+"""After which twice as many covers are left to compare: in 16 worlds of all, the same are found to a few percent."""
 
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""

@@ -19,6 +19,7 @@ import numpy as np
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import (
     COVERS,
+    FEW_WORLDS,
     LEVEL_WORLDS,
     MEASURED,
     N_WORLDS,
@@ -319,15 +320,25 @@ class Campaign:
         self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
     ) -> bool:
         """Two occasions in each of some worlds; an event keeps the scores. Whether there were enough."""
-        from seqrsm.campaign.simulation import bundle_tasks
-
-        tasks = bundle_tasks(self.spec, settings, self.cells_of_ground())
-        whole = self.scores_of(tasks, application, workers, cluster).reshape(N_WORLDS, OCCASIONS)
+        whole = self._bundle(application, settings, workers, cluster)
         whole = whole[np.isfinite(whole).all(axis=1)]
         if len(whole) > 1:
             detail = {"application": application, "settings": dict(settings), "scores": whole.tolist()}
             self.store.add_event(MEASURED, detail, once=("application", "settings"))
         return len(whole) > 1
+
+    def _bundle(
+        self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
+    ) -> FloatArray:
+        """Scores (worlds, occasions) at some settings: as an event keeps them, else simulated; nan where one failed."""
+        from seqrsm.campaign.simulation import bundle_tasks
+
+        for event in self.store.events(kind=MEASURED):
+            kept = event.detail
+            if (kept["application"], kept["settings"]) == (application, settings) and len(kept["scores"]) == N_WORLDS:
+                return np.array(kept["scores"])
+        tasks = bundle_tasks(self.spec, settings, self.cells_of_ground())
+        return self.scores_of(tasks, application, workers, cluster).reshape(N_WORLDS, OCCASIONS)
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what would be left of the variance between grounds if covers were known.
@@ -354,25 +365,33 @@ class Campaign:
         settings, cells, ground = analysis.optimum.settings, self.cells_of_ground(), analysis.optimum.ground
         sds, unit = mean_sds(self.spec, settings)
         variance = ground.share * ground.variance if ground and analysis.optimum.of_ground > 0.0 else 0.0
-        if not variance > 0.0:  # nothing is told of it
+        if not (variance > 0.0 and sds):  # nothing is told of it
             return [], unit
         bundle = bundle_tasks(self.spec, settings, cells)[::OCCASIONS]  # one occasion of each world
+        here = self._bundle(analysis.application, settings, workers, cluster)[:, 0]
 
-        def scored(*covers: tuple[str, ...]) -> FloatArray:
-            tasks = [replace(task, elsewhere=own) for task in bundle for own in covers]  # neighbours share draws
-            return self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, len(covers)).T
+        def moved(covers: Sequence[tuple[str, ...]], worlds: slice = slice(None)) -> FloatArray:
+            tasks = [
+                replace(task, elsewhere=own) for task in bundle[worlds] for own in covers
+            ]  # neighbours share draws
+            scores = self.scores_of(tasks, analysis.application, workers, cluster)
+            return scores.reshape(-1, len(covers)).T
 
         def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:
             both = np.isfinite(here) & np.isfinite(there)
             share, se = left_of_ground(here[both], there[both], variance)
             return {"covers": own, "mean_sd": sds[own[0]], "left": round(share, 4), "se": round(se, 4)}
 
-        here, *each = scored((), *((name,) for name in sds))
-        found = [left((name,), there) for name, there in zip(sds, each, strict=True)]
+        covers = [(name,) for name in sds]
+        few = moved(covers, slice(FEW_WORLDS))
+        most = np.argsort(-np.nansum(np.square(few - here[:FEW_WORLDS]), axis=1))[: 2 * COVERS]
+        covers = [covers[k] for k in most]
+        each = np.hstack([few[most], moved(covers, slice(FEW_WORLDS, None))])
+        found = [left(own, there) for own, there in zip(covers, each, strict=True)]
         found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
         if len(found) > 1:
             names = tuple(one["covers"][0] for one in found)
-            found.append(left(names, scored(names)[0]))
+            found.append(left(names, moved([names])[0]))
         return found, unit
 
     def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
@@ -389,11 +408,10 @@ class Campaign:
         ]
         if not others:
             return []
-        made = [settings, *({**settings, name: level} for name, level in others)]
-        cells = self.cells_of_ground()
+        first = self._bundle(analysis.application, settings, workers, cluster)[:LEVEL_WORLDS]
+        made, cells = [{**settings, name: level} for name, level in others], self.cells_of_ground()
         tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, range(LEVEL_WORLDS))]
-        scores = self.scores_of(tasks, analysis.application, workers, cluster)
-        first, *rest = scores.reshape(-1, LEVEL_WORLDS, OCCASIONS)
+        rest = self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, LEVEL_WORLDS, OCCASIONS)
         found: list[dict[str, float | str]] = []
         for (name, level), one in zip(others, rest, strict=True):
             gain = (one - first)[np.isfinite(one - first).all(axis=1)]
@@ -407,12 +425,12 @@ class Campaign:
         from seqrsm.campaign.simulation import carry_out, files_of
         from seqrsm.simulate.runner import run_many
 
+        tasks = [replace(task, utilities=tuple(u for u in task.utilities if u[0] == application)) for task in tasks]
         files = files_of(tasks[0]) if cluster is not None else ()
         found = np.full(len(tasks), np.nan)
         for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
             for one in getattr(result, "scores", ()):
-                if one.application == application:
-                    found[index] = one.score
+                found[index] = one.score
         return found
 
     def cells_of_ground(self) -> int:

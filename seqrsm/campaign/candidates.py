@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -214,9 +214,7 @@ class _Comparer:
         if self.spec.simulator is None:
             return
         cells = campaign.cells_of_ground()
-        utility = tuple(u for u in task_of(self.spec, NO_RUN, self.settings).utilities if u[0] == application.name)
         made = bundle_tasks(self.spec, self.settings, cells, range(2 * worlds + PILOT_WORLDS))
-        made = [replace(task, utilities=utility) for task in made]
         n, later = worlds * OCCASIONS, (worlds + PILOT_WORLDS) * OCCASIONS
         self.tasks, self.pilots, self.fresh = made[:n], made[n:later:OCCASIONS], made[later:]
         self.base = instrument_of(made[0])

@@ -16,7 +16,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
-from seqrsm.campaign import check
+from seqrsm.campaign import check, rests_on
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
 from seqrsm.cli.app import app
@@ -131,17 +131,20 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy, before: st
 
 
 def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypatch) -> None:
-    """Grass moves the score by 3, trees by 1, other covers not at all."""
+    """Grass moves the score by 3, trees by 1, other covers not at all: after four worlds six of eight are left."""
     campaign, asked = Campaign.open(copy), []
     departs = np.random.default_rng(3).standard_normal((2, 2, 16))  # of grass and trees, here and elsewhere
+    here = np.array(campaign.store.events(kind=MEASURED)[-1].detail["scores"])[:, 0]
 
     def scored(tasks, *_):
         asked.append([(task.world - 2**30, task.run_id - 2**30, task.elsewhere) for task in tasks])
-        moves = {"Grass": 3.0 * departs[0], "Trees": departs[1]}
-        return np.array([50.0 + sum(moves[n][int(n in own), world] for n in moves) for world, _, own in asked[-1]])
+        moves = {"Grass": 3.0 * np.diff(departs[0], axis=0)[0], "Trees": np.diff(departs[1], axis=0)[0]}
+        return np.array([here[world] + sum(moves[n][world] for n in moves if n in own) for world, _, own in asked[-1]])
 
     monkeypatch.setattr(Campaign, "scores_of", staticmethod(scored))
     monkeypatch.setattr(Campaign, "_other_levels", lambda *_: [])
+    covers = {"Grass": 2.0, "Trees": 2.0, **{f"cover {k}": 2.0 for k in range(6)}}
+    monkeypatch.setattr(rests_on, "mean_sds", lambda *_: (covers, "dB"))
     with sqlite3.connect(copy / "campaign.db") as base:
         base.execute("delete from events where kind = ?", (RANKED,))
     base.close()
@@ -161,9 +164,11 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
         every: 3.0 * sizes[0] + sizes[1],
     }
     assert told == {own: pytest.approx(1.0 - np.mean(d**2) / 32.0, abs=1e-4) for own, d in moved.items()}
-    each, all_three = asked
-    assert {(world, run) for world, run, _ in each} == {(k, 2 * k) for k in range(16)}  # the first occasion of each
-    assert each[0][2] == ()
+    few, each, all_three = asked
+    assert {(world, run) for world, run, _ in (*few, *each)} == {(k, 2 * k) for k in range(16)}  # the first occasion
+    assert [len({own for *_, own in some}) for some in asked] == [8, 6, 1]
+    assert [len(some) for some in asked] == [4 * 8, 12 * 6, 16]
+    assert () not in {own for some in asked for *_, own in some}  # what an event keeps is not simulated again
     assert {own for _, _, own in all_three} == {every}
 
 
@@ -200,8 +205,9 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     monkeypatch.setattr(runner, "run_many", noted)
     ok("run", other, "--workers", 2)
     assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
-    # Two occasions in each of 16 worlds, after the start and at the end; two levels on two occasions in each of 8.
-    assert batches.count((32, 2)) == 3
+    # Two occasions in each of 16 worlds, after the start and at the end; the other level in 8 of those.
+    assert batches.count((32, 2)) == 2
+    assert (16, 2) in batches
     assert sum(n for n, _ in batches) > len(scores(other)) + 32  # and what each cover does
     assert scores(other) == scores(finished[0])
     # made at another time, in another folder, by other processes: the same report to the byte

@@ -178,6 +178,8 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     def scores(tasks, *_):
         return np.concatenate([60.0 + common + own[one["bands"]] * ground for one in tasks[::16]])
 
+    here = scores([found.optimum.settings]).reshape(-1, 2)
+    monkeypatch.setattr(Campaign, "_bundle", lambda *_: here)
     monkeypatch.setattr(Campaign, "scores_of", staticmethod(scores))
     levels = opened._other_levels(found, 1, None)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
