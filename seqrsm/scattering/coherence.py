@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -115,7 +115,6 @@ def added_power(first: AnyArray, second: AnyArray, part: AnyArray) -> AnyArray:
     return np.asarray(0.5 * (first + second) + part * np.sqrt(first * second))
 
 
-@lru_cache(maxsize=256)  # asked for by look-ups and by fields
 def _departure(seed: int, number: int, category: str, frequency_ghz: float) -> FloatArray:
     """Standard normal (2,) of a cover in a world."""
     return drawn_by_frequency(seed, number, f"world coherence {category}", (2,), frequency_ghz)

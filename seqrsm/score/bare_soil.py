@@ -124,9 +124,10 @@ def _departures_db(
     assert image.table is not None
     # Slopes change the echo by decibels: it is compared with that of the same ground as the table has it.
     middle, _ = nominal_ground_state(image.radar)
-    usual = expected_image(scene, image.radar, image.table.in_world(None), image.day)
-    ratio = image.intensity / np.maximum(usual.intensity, 1e-9 * float(usual.intensity.max()) or 1.0)
-    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), ratio.reshape(len(ratio), -1)[: len(steps[0])]])
+    powers = replace(image.radar, channels=image.radar.recorded)
+    usual = expected_image(scene, powers, image.table.in_world(None), image.day)
+    ratio = image.intensity[: len(steps[0])] / np.maximum(usual.intensity, 1e-9 * float(usual.intensity.max()) or 1.0)
+    layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), ratio.reshape(len(ratio), -1)])
     inner = np.where(_away_from_edges(image, scene), of_cell, np.int32(-1))
     theta, noise, looks, *shown = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
     found = np.empty((len(shown), len(kind), len(FINE)))

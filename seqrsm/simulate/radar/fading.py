@@ -89,7 +89,7 @@ def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
     return _tables(looks.tobytes())
 
 
-@lru_cache(maxsize=1)  # the channels of an image ask for the same
+@lru_cache(maxsize=4)  # the channels of an image ask for the same, and the phase for that of one look
 def _tables(looks: bytes) -> tuple[FloatArray, IntArray]:
     different, which = np.unique(np.frombuffer(looks), return_inverse=True)
     # T_k(cos a) = cos(k a): the recurrence in Python takes ten times as long.

@@ -261,7 +261,7 @@ def met_occasion(
         # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
         own_place = [(c, 1 + POLARIZATIONS.index(GROUND_OF[name]), own) for c, name, own in _recorded(radar, lookups)]
         parts = 1 + max(place for _, place, _ in own_place)
-        draws = _texture(visit, "texture", (parts, len(parent)), radar.frequency_ghz, **key)
+        draws = _kept(visit, "texture", (parts, len(parent)), radar.frequency_ghz, **key)
         offset = offset[:, parent]
         for c, place, lookup in own_place:
             shared = float(np.mean(lookup.channel_correlation))
@@ -269,19 +269,18 @@ def met_occasion(
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
-    related = _related(scene, radar, table, lookups[radar.layers.index("HH")], visit.day)
-    departure = half_lasting(visit, "coherence", (2, len(category)), radar.frequency_ghz, **key)
+    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index("HH")], visit.day)
+    departure = _kept(visit, "coherence", (2, len(category)), radar.frequency_ghz, **key)
     mean = related.mean[np.where(category < len(scene.categories), category, 0)]
     of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
     return _added(radar, lookups, met, related, category[parent], of_fields[parent])
 
 
-def _related(
-    scene: Scene, radar: RadarConfiguration, table: Sigma0Table, hh: Sigma0Lookup, day: float | None
-) -> Coherence:
-    """How HH and VV of the scene's categories are related on a day."""
+@cached_by_thread(maxsize=1)  # asked for by look-ups and by fields
+def _related(frequency_ghz: float, table: Sigma0Table, hh: Sigma0Lookup, day: float | None) -> Coherence:
+    """How HH and VV of the categories of a look-up are related on a day."""
     closed = 1.0 if day is None or hh.course is None else 2.0 - on_day(hh.course.spread, day)
-    return coherence(scene.categories, radar.frequency_ghz, table.world, closed, table.relations)
+    return coherence(hh.categories, frequency_ghz, table.world, closed, table.relations)
 
 
 def _added(
@@ -312,7 +311,7 @@ def _added(
     return replace(met, class_offset_db=of_class, field_offset_db=of_field)
 
 
-_texture = cached_by_thread(maxsize=1)(half_lasting)  # simulations that move one cover after another share it
+_kept = cached_by_thread(maxsize=2)(half_lasting)  # simulations that move one cover after another share it
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
@@ -359,7 +358,7 @@ def look_up(
     if PHASE not in radar.channels:
         return found
     hh, vv = find("HH"), find("VV")
-    related = _related(scene, radar, table, hh, day)
+    related = _related(radar.frequency_ghz, table, hh, day)
     for part in (related.mean.real, related.mean.imag):
         both = added_power(hh.sigma0, vv.sigma0, part[:, None])
         found.append(replace(hh, sigma0=both, status=related.status, notes=related.notes))
