@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -101,6 +102,11 @@ def acquisitions_of(
     return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
 
 
+@lru_cache(maxsize=8)  # simulations of one setting in many worlds share them
+def _kept_acquisitions(arguments: bytes) -> tuple[Acquisition, ...]:
+    return acquisitions_of(*pickle.loads(arguments))
+
+
 def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acquisition]:
     try:
         sensor = ENGINES[member.engine].configure(member.settings, member.fixed)
@@ -180,7 +186,7 @@ class SimulationTask:
         ConfigurationError
             Parameters of a sensor contradict each other or physics.
         """
-        return acquisitions_of(self.engine, self.settings, self.fixed, self.members)
+        return _kept_acquisitions(pickle.dumps((self.engine, self.settings, self.fixed, self.members)))
 
     def scattering(self, engine: str) -> Any:
         """An engine's table of sigma0 or emissivity in the task's world; the user's own is for the main engine."""

@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -88,21 +88,29 @@ def coherence(
     mean, sd, status, notes = np.empty(len(categories), complex), np.empty(len(categories)), [], []
     for k, name in enumerate(categories):
         nodes = own.get(name) or _shipped().get(name) or _shipped()[""]
-        away = np.log2([node.frequency_ghz / frequency_ghz for node in nodes])  # octaves
-        mean[k] = np.interp(0.0, away, np.array([node.mean for node in nodes]))
-        below, above = away[away <= 0.0], away[away > 0.0]
-        apart = [float(np.min(np.abs(side))) for side in (below, above) if side.size]
-        drift = math.prod(apart) / sum(apart) if len(apart) == 2 else apart[0]  # of a bridge, or of a random walk
-        sd[k] = math.hypot(np.interp(0.0, away, [node.mean_sd for node in nodes]), math.sqrt(_DRIFT * drift))
-        near = nodes[int(np.argmin(np.abs(away)))]
-        status.append("assumed" if len(apart) < 2 and apart[0] > _BESIDE_OCTAVES else near.status)
-        value = f"{abs(mean[k]):.2f} at {np.angle(mean[k], deg=True):.0f} deg"
-        notes.append(f"{name}: HH and VV related by {value} ({status[-1]}: {near.source})")
+        mean[k], sd[k], rests_on, told = _at_frequency(tuple(nodes), frequency_ghz)
+        status.append(rests_on)
+        notes.append(f"{name}: {told}")
         if world is not None:
             mean[k] += sd[k] * complex(*_departure(world.seed, world.numbers(name)[1], name, frequency_ghz))
     if np.any(np.asarray(closed) < 1.0):
         mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world, 1.0, own).mean
     return Coherence(limited(mean), sd, tuple(status), tuple(notes))
+
+
+@lru_cache(maxsize=64)
+def _at_frequency(nodes: tuple[Relation, ...], frequency_ghz: float) -> tuple[complex, float, str, str]:
+    """Mean, its standard deviation, what they rest on and a note of one cover."""
+    away = np.log2([node.frequency_ghz / frequency_ghz for node in nodes])  # octaves
+    mean = complex(np.interp(0.0, away, np.array([node.mean for node in nodes])))
+    below, above = away[away <= 0.0], away[away > 0.0]
+    apart = [float(np.min(np.abs(side))) for side in (below, above) if side.size]
+    drift = math.prod(apart) / sum(apart) if len(apart) == 2 else apart[0]  # of a bridge, or of a random walk
+    sd = math.hypot(np.interp(0.0, away, [node.mean_sd for node in nodes]), math.sqrt(_DRIFT * drift))
+    near = nodes[int(np.argmin(np.abs(away)))]
+    status = "assumed" if len(apart) < 2 and apart[0] > _BESIDE_OCTAVES else near.status
+    value = f"{abs(mean):.2f} at {np.angle(mean, deg=True):.0f} deg"
+    return mean, sd, status, f"HH and VV related by {value} ({status}: {near.source})"
 
 
 def limited(relation: AnyArray) -> AnyArray:
@@ -115,6 +123,7 @@ def added_power(first: AnyArray, second: AnyArray, part: AnyArray) -> AnyArray:
     return np.asarray(0.5 * (first + second) + part * np.sqrt(first * second))
 
 
+@lru_cache(maxsize=256)  # occasions of one world, and worlds in which other covers differ, ask for the same
 def _departure(seed: int, number: int, category: str, frequency_ghz: float) -> FloatArray:
     """Standard normal (2,) of a cover in a world."""
     return drawn_by_frequency(seed, number, f"world coherence {category}", (2,), frequency_ghz)

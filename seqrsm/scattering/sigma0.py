@@ -259,6 +259,11 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) ->
         state = state._replace(wind_m_s=0.0)
     if curve.soil_rms_height_m is None:
         state = state._replace(soil_moisture=0.0)
+    return _in_world(curve, channel, state, world and world.of(curve.category))
+
+
+@lru_cache(maxsize=256)  # occasions of one world, and worlds in which other covers differ, ask for the same
+def _in_world(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
     values, sds, statuses, notes = _of_all_channels(curve, state)
     c = POLARIZATIONS.index(channel)
     at_channel, sd = values[c], sds[c]

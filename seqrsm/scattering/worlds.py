@@ -97,6 +97,10 @@ class World:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
         return _field_factor(self.seed, self.numbers(category)[1], category)
 
+    def of(self, category: str) -> World:
+        """The world as one cover knows it: the same where others are elsewhere."""
+        return World(self.seed, self.number, (category,) * (category in self.elsewhere))
+
     def numbers(self, category: str) -> tuple[int, int]:
         """Of the world that a cover shares with others, and of the one that it has for its own."""
         return self.number, self.number + _ELSEWHERE * (category in self.elsewhere)

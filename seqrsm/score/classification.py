@@ -211,9 +211,5 @@ def _covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, p
     d = mean.shape[1]
     covariance = second - mean[:, :, None] * mean[:, None, :]
     pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
-    prior_pixels = 2.0 * (d + 1)
-    roots = np.empty_like(covariance)
-    for k in range(len(total)):
-        own = (pixels[k] * covariance[k] + prior_pixels * pooled) / (pixels[k] + prior_pixels)
-        roots[k] = np.linalg.cholesky(own)
-    return roots
+    prior_pixels, own_pixels = 2.0 * (d + 1), pixels[:, None, None]
+    return np.linalg.cholesky((own_pixels * covariance + prior_pixels * pooled) / (own_pixels + prior_pixels))
