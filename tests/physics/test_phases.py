@@ -22,7 +22,8 @@ from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.sensor.hardware import data_rate_bit_s
 from seqrsm.sensor.named import radar_of, sensors_called
-from seqrsm.simulate.radar import kernels_speckle, occasion
+from seqrsm.simulate.radar import occasion
+from seqrsm.simulate.radar.fading import fade_together
 from seqrsm.simulate.radar.occasion import look_up
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.visits import Visit
@@ -42,7 +43,7 @@ def faded(relation: complex, looks: float, shape: tuple[int, int] = (100, 6000))
     out = np.empty((2, *shape))
     rows = np.full(shape[0], NOISE), np.full(shape[0], looks)
     ground = np.full(shape, HH), np.full(shape, VV), both
-    kernels_speckle.fade_together(*ground, *rows, rng.exponential(size=(2, *shape)), alone[0], alone[1], out)
+    fade_together(*ground, *rows, rng.exponential(size=(2, *shape)), alone[0], alone[1], out)
     return np.concatenate([alone, out]).reshape(4, -1)
 
 
@@ -81,11 +82,32 @@ def test_between_whole_looks_the_moments_are_those_of_the_wishart_law() -> None:
     assert np.cov(x[0], x[1])[0, 1] == pytest.approx(shared, rel=0.03)
 
 
+@pytest.mark.parametrize("looks", [1.0, 2.5, 40.0])
+def test_each_pixel_is_the_sum_of_a_part_of_hh_and_a_part_of_its_own(looks: float) -> None:
+    """By complex waves, in lines that end anywhere."""
+    rng, shape = np.random.default_rng(7), (3, 4000)
+    hh, vv, own_hh, own_vv = rng.gamma(2.0, 1e-13, (4, *shape))
+    relation = 0.9 * np.sqrt(rng.random(shape)) * np.exp(2j * np.pi * rng.random(shape))
+    both = np.stack([0.5 * (hh + vv) + part * np.sqrt(hh * vv) for part in (relation.real, relation.imag)])
+    free, noise = rng.exponential(size=(2, *shape)), 1e-14 * np.arange(3.0)
+    first, second, out_vv, out = hh + noise[:, None], vv + noise[:, None], own_vv.copy(), np.empty((2, *shape))
+    fade_together(hh, vv, both, noise, np.full(3, looks), free, own_hh, out_vv, out)
+    seen = relation * np.sqrt(hh * vv / (first * second))
+    wave, rest = np.sqrt(own_hh / first), np.exp(-free[0] / (looks - 1.0)) if looks > 1.0 else 0.0
+    alone = (1.0 - np.abs(seen) ** 2) * own_vv / second
+    of_vv = np.conj(seen) * wave + np.sqrt(alone * (1.0 - rest)) * np.exp(2j * np.pi * np.exp(-free[1]))
+    power = second * (np.abs(of_vv) ** 2 + alone * rest)
+    np.testing.assert_allclose(out_vv, power, rtol=1e-7)
+    product = np.sqrt(first * second) * wave * np.conj(of_vv)
+    np.testing.assert_allclose(out[0] - 0.5 * (own_hh + power), product.real, atol=1e-20)
+    np.testing.assert_allclose(out[1] - 0.5 * (own_hh + power), product.imag, atol=1e-20)
+
+
 def test_without_echo_and_noise_there_is_no_product() -> None:
     dark, bright = np.zeros((1, 4)), np.ones((1, 4))
     out_hh, out_vv, both = 0.0 * dark, 2.0 * bright, np.full((2, 1, 4), np.nan)
     mean = dark, bright, np.full((2, 1, 4), 0.5)
-    kernels_speckle.fade_together(*mean, np.zeros(1), np.ones(1), np.ones((2, 1, 4)), out_hh, out_vv, both)
+    fade_together(*mean, np.zeros(1), np.ones(1), np.ones((2, 1, 4)), out_hh, out_vv, both)
     np.testing.assert_array_equal(both, 1.0)
     np.testing.assert_array_equal(out_vv, 2.0)
 

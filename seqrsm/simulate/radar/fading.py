@@ -169,3 +169,49 @@ def _box(size: float) -> FloatArray:
 def _unit(weights: FloatArray) -> FloatArray:
     """Weights whose squares add up to 1."""
     return np.asarray(weights / math.sqrt(float(weights @ weights)))
+
+
+def fade_together(
+    hh: AnyArray,
+    vv: AnyArray,
+    both: AnyArray,
+    noise: FloatArray,
+    looks: FloatArray,
+    free: AnyArray,
+    out_hh: AnyArray,
+    out_vv: AnyArray,
+    out_both: AnyArray,
+) -> None:
+    """Fading of HH and VV as they are related, and of them added: the complex Wishart law of N looks, any real one.
+
+    Bartlett's decomposition (Goodman 1963, Ann. Math. Stat. 34, 152-177): HH fades as it does alone, and VV is in part
+    what HH is, in part what it would be alone. Of the latter a share of the law Beta(1, N - 1) has a phase.
+
+    Parameters
+    ----------
+    hh, vv : float arrays (n_range, n_azimuth)
+        Mean power of the ground [W].
+    both : float array (2, n_range, n_azimuth)
+        Mean power of HH + VV and of HH + i VV, each over 2 [W].
+    noise, looks : float64 arrays (n_range,)
+        Mean power of the receiver noise [W]; N, >= 1.
+    free : float array (2, n_range, n_azimuth)
+        Fading of one look: the law exp(-x).
+    out_hh, out_vv : float arrays (n_range, n_azimuth)
+        Power with noise and fading, each faded alone [W]; that of VV is written anew.
+    out_both : float array (2, n_range, n_azimuth)
+        Written.
+    """
+    add, per_rest = (np.repeat(x, hh.shape[1]) for x in (noise, 1.0 / np.maximum(looks - 1.0, 1e-9)))
+    planes = hh, vv, *both, out_hh, out_vv, *free, *out_both
+    *means, hh, vv, first, second, plus, turned = (plane.reshape(-1) for plane in planes)
+    w = np.empty((8, kernels_speckle.LINE))
+    for begin in range(0, len(add), kernels_speckle.LINE):
+        at = slice(begin, min(begin + kernels_speckle.LINE, len(add)))
+        line = w[:, : at.stop - begin]
+        for own, mean in zip(line, means, strict=False):
+            np.add(mean[at], add[at], out=own)
+        line[4], line[5], line[7] = hh[at], vv[at], np.exp(-second[at])
+        np.exp(-first[at] * per_rest[at], out=line[6])
+        kernels_speckle.relate(w.reshape(-1), np.uint64(line.shape[1]))
+        vv[at], plus[at], turned[at] = line[5], line[2], line[3]

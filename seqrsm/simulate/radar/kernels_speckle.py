@@ -18,10 +18,11 @@ _W1 = np.uint32(0xBB67AE85)
 _LOW = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)
 
-# Lines of a strip of pixels in the work array of `fade_together`.
-_STRIP, _LINES = 256, 8
-_FIRST, _SECOND, _REAL, _IMAGINARY = (np.uint64(k * _STRIP) for k in range(4))
-_HH, _VV, _SHARE, _ANGLE = (np.uint64(k * _STRIP) for k in range(4, 8))
+LINE = 4160
+"""Length of the lines of `relate`: no power of two, which caches would fold together."""
+
+_FIRST, _SECOND, _REAL, _IMAGINARY = (np.uint64(k * LINE) for k in range(4))
+_HH, _VV, _REST, _ANGLE = (np.uint64(k * LINE) for k in range(4, 8))
 
 NORMAL_STEPS = 128
 """Steps of the table of normal quantiles in each factor of 2 of the probability, 32 of them from 2**-33 to 1/2."""
@@ -148,72 +149,12 @@ def _fading_row(z: AnyArray, row: AnyArray, spread: float, places: AnyArray, cub
 
 
 @kernel
-def fade_together(
-    hh: AnyArray,
-    vv: AnyArray,
-    both: AnyArray,
-    noise: AnyArray,
-    looks: AnyArray,
-    free: AnyArray,
-    out_hh: AnyArray,
-    out_vv: AnyArray,
-    out_both: AnyArray,
-) -> None:
-    """Fading of HH and VV as they are related, and of them added: the complex Wishart law of N looks, any real one.
+def relate(w: AnyArray, m: np.uint64) -> None:
+    """Fade the first ``m`` pixels of lines of `LINE` in ``w``: the arithmetic of `fading.fade_together`.
 
-    Bartlett's decomposition (Goodman 1963, Ann. Math. Stat. 34, 152-177): HH fades as it does alone, and VV is in part
-    what HH is, in part what it would be alone. Of the latter a share of the law Beta(1, N - 1) has a phase.
-
-    Parameters
-    ----------
-    hh, vv : float arrays (n_range, n_azimuth)
-        Mean power of the ground [W].
-    both : float array (2, n_range, n_azimuth)
-        Mean power of HH + VV and of HH + i VV, each over 2 [W].
-    noise, looks : float64 arrays (n_range,)
-        Mean power of the receiver noise [W]; N, >= 1.
-    free : float array (2, n_range, n_azimuth)
-        Fading of one look: the law exp(-x).
-    out_hh, out_vv : float arrays (n_range, n_azimuth)
-        Power with noise and fading, each faded alone [W]; that of VV is written anew.
-    out_both : float array (2, n_range, n_azimuth)
-        Written.
+    Given are means with noise of HH, VV, HH + VV and HH + i VV (over 2); HH and VV faded alone; the share of the wave
+    that has no phase, and its angle in turns. Written are VV in its place, and the powers of both in those of means.
     """
-    w = np.empty(_LINES * _STRIP)
-    for i in range(hh.shape[0]):
-        n, add = looks[i], noise[i]
-        per_rest = 1.0 / max(n - 1.0, 1e-9)
-        for begin in range(0, hh.shape[1], _STRIP):
-            left, m = np.uint64(begin), np.uint64(min(_STRIP, hh.shape[1] - begin))
-            # Each line by a loop of its own: of one with so many arrays the compiler could not see that none overlap.
-            for j in range(m):
-                w[_FIRST + j] = hh[i, left + j] + add
-            for j in range(m):
-                w[_SECOND + j] = vv[i, left + j] + add
-            for j in range(m):
-                w[_REAL + j] = both[0, i, left + j] + add
-            for j in range(m):
-                w[_IMAGINARY + j] = both[1, i, left + j] + add
-            for j in range(m):
-                w[_HH + j] = out_hh[i, left + j]
-            for j in range(m):
-                w[_VV + j] = out_vv[i, left + j]
-            for j in range(m):
-                w[_SHARE + j] = 1.0 - _falling(free[0, i, left + j] * per_rest)
-            for j in range(m):
-                w[_ANGLE + j] = _falling(free[1, i, left + j])
-            _relate_row(m, w)
-            for j in range(m):
-                out_vv[i, left + j] = w[_VV + j]
-            for j in range(m):
-                out_both[0, i, left + j] = w[_REAL + j]
-            for j in range(m):
-                out_both[1, i, left + j] = w[_IMAGINARY + j]
-
-
-@kernel
-def _relate_row(m: np.uint64, w: AnyArray) -> None:
-    """Fade a line of `fade_together`: `_VV` becomes its power, `_REAL` and `_IMAGINARY` those of `out_both`."""
     for j in range(m):
         first, second = w[_FIRST + j], w[_SECOND + j]
         root, middle = np.sqrt(first * second), 0.5 * (first + second)
@@ -223,8 +164,8 @@ def _relate_row(m: np.uint64, w: AnyArray) -> None:
         real, imaginary = real * per_size, imaginary * per_size
         apart2 = 1.0 - min(real * real + imaginary * imaginary, 1.0)
         x = np.sqrt(w[_HH + j] * (second * per_root * per_root))
-        alone, share = w[_VV + j] * (first * per_root * per_root), w[_SHARE + j]
-        size = np.sqrt(apart2 * alone * share)
+        alone = apart2 * w[_VV + j] * (first * per_root * per_root)
+        size = np.sqrt(alone * (1.0 - w[_REST + j]))
         # Cosine and sine of a whole turn from those of half of it, -90 to 90 deg: by their series, right to 1e-9.
         half = np.pi * (w[_ANGLE + j] - 0.5)
         t = half * half
@@ -234,24 +175,11 @@ def _relate_row(m: np.uint64, w: AnyArray) -> None:
         cosine = 1.0 - t / 2.0 * (1.0 - t / 12.0 * (1.0 - t / 30.0 * (1.0 - t / 56.0 * cosine)))
         # The wave that VV is: what it has of HH, and its own.
         a, b = real * x + size * (2.0 * sine * sine - 1.0), size * (-2.0 * sine * cosine) - imaginary * x
-        power = second * (a * a + b * b + apart2 * alone * (1.0 - share))
-        power = power if root > 0.0 else w[_VV + j]
+        power = second * (a * a + b * b + alone * w[_REST + j]) if root > 0.0 else w[_VV + j]
         w[_VV + j] = power
         middle = 0.5 * (w[_HH + j] + power)
         w[_REAL + j] = middle + root * x * a
         w[_IMAGINARY + j] = middle - root * x * b
-
-
-@kernel
-def _falling(x: float) -> float:
-    """exp(-x) for x >= 0, right to 1e-12, in steps that vectorise where the library's function does not."""
-    y = min(x, 700.0) * 1.4426950408889634
-    k = np.int32(y)
-    f = (np.float64(k) - y) * 0.6931471805599453
-    series = 1.0 + f / 9.0 * (1.0 + f / 10.0 * (1.0 + f / 11.0 * (1.0 + f / 12.0)))
-    series = 1.0 + f / 5.0 * (1.0 + f / 6.0 * (1.0 + f / 7.0 * (1.0 + f / 8.0 * series)))
-    series = 1.0 + f * (1.0 + f / 2.0 * (1.0 + f / 3.0 * (1.0 + f / 4.0 * series)))
-    return series * np.int64((np.int64(1023) - np.int64(k)) << np.int64(52)).view(np.float64)
 
 
 def work_lines(m: int) -> tuple[AnyArray, ...]:

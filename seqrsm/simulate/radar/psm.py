@@ -34,7 +34,7 @@ from seqrsm.simulate.radar.echo import (
     sigma0_lut,
     state_of_cells,
 )
-from seqrsm.simulate.radar.fading import correlated_fading, gamma_tables, normal_table, spread_over_cells
+from seqrsm.simulate.radar.fading import correlated_fading, fade_together, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up, met_occasion, nominal_ground_state
 from seqrsm.simulate.radar.receiver import received
@@ -278,7 +278,7 @@ def _faded(
     alone = np.ones_like(mean[n:]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
     free = _faded_alone(*alone, radar, key, threads)
     hh, vv = radar.layers.index("HH"), radar.layers.index("VV")
-    kernels_speckle.fade_together(mean[hh], mean[vv], mean[n:], noise, looks, free, out[hh], out[vv], out[n:])
+    fade_together(mean[hh], mean[vv], mean[n:], noise, looks, free, out[hh], out[vv], out[n:])
     return out
 
 
