@@ -177,7 +177,7 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
 
 def _squares(a: _Places, b: _Places) -> FloatArray:
     """5 |a - b|^2, (d, m, n), by one product."""
-    of_a, of_b = (5.0 * np.sum(at.scaled**2, axis=-1, keepdims=True) for at in (a, b))
+    of_a, of_b = (5.0 * np.einsum("dmq,dmq->dm", at.scaled, at.scaled)[..., None] for at in (a, b))
     left = np.concatenate([-10.0 * a.scaled, of_a, np.ones_like(of_a)], axis=-1)
     right = np.concatenate([b.scaled, np.ones_like(of_b), of_b], axis=-1)
     found: FloatArray = left @ np.swapaxes(right, 1, 2)
