@@ -25,6 +25,7 @@ from seqrsm.analysis.ground import (
     N_WORLDS,
     OCCASIONS,
     RANKED,
+    TOO_LITTLE,
     future_sd,
     left_of_ground,
     measured_ground,
@@ -384,9 +385,10 @@ class Campaign:
 
         covers = [(name,) for name in sds]
         few = moved(covers, slice(FEW_WORLDS))
-        most = np.argsort(-np.nansum(np.square(few - here[:FEW_WORLDS]), axis=1))[: 2 * COVERS]
-        covers = [covers[k] for k in most]
-        each = np.hstack([few[most], moved(covers, slice(FEW_WORLDS, None))])
+        so_far = np.nansum(np.square(few - here[:FEW_WORLDS]), axis=1)
+        kept = np.flatnonzero(so_far >= TOO_LITTLE * np.sort(so_far)[-COVERS:][0])
+        covers = [covers[k] for k in kept]
+        each = np.hstack([few[kept], moved(covers, slice(FEW_WORLDS, None))])
         found = [left(own, there) for own, there in zip(covers, each, strict=True)]
         found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
         if len(found) > 1:
