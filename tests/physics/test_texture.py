@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from psm_cases import Table, radar, scene
 
+from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.simulate.radar.frame import make_frame, pieces
+from seqrsm.simulate.radar.kernels import sum_echoes
 from seqrsm.simulate.radar.psm import simulate_radar
 
 
@@ -58,3 +62,14 @@ def test_channels_share_part_of_it():
     assert np.corrcoef(offset)[0, 1] == pytest.approx(0.6, abs=0.02)
     alone = simulate_radar(site(), radar(channels=("VV",), texture_db=1.0, texture_m=5.0), table, seed=1, run_id=1)
     np.testing.assert_array_equal(alone.occasion.field_offset_db[0], offset[1])
+
+
+def test_the_kernel_is_compiled_once_whatever_a_radar_records():
+    """Arrays in another order would be another type, and to compile for it takes seconds."""
+    table = load_sigma0_table()
+    for channels in (("HH", "HV"), ("HH", "HV", "VV", "phase")):
+        for texture_db in (0.0, 1.0):
+            given = radar(channels=channels, texture_db=texture_db)
+            simulate_radar(replace(site(), categories=("Wheat", "Corn")), given, table, seed=1, run_id=1)
+    layouts = [getattr(one, "layout", "C") for types in sum_echoes.compiled.signatures for one in types]
+    assert set(layouts) == {"C"}

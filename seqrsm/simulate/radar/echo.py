@@ -237,7 +237,8 @@ def echo_sums(
     dtype = frame.elevation_m.dtype
     m = frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
-    found = paired_table(lut, dtype), lut.shape[1], field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
+    factor = field_factor.astype(dtype, order="C")  # in another order the kernel would be compiled once more
+    found = paired_table(lut, dtype), lut.shape[1], factor, radar.pattern_lut().astype(dtype)
     unseen = np.empty((0, 0), dtype=dtype), np.empty((0, 0), dtype=np.uint8)
     parts = min(threads, m)
     edges = [k * m // parts for k in range(parts + 1)]
