@@ -322,7 +322,7 @@ def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, An
     code = of_cell.astype(np.int64) + np.where(small, 0, (1 + at) * scene.n_fields)
     codes, first, own = np.unique(code, return_index=True, return_inverse=True)
     unit.ravel()[cells] = own
-    counts = np.zeros((len(codes), len(scene.categories)), dtype=np.int64)
+    counts = np.zeros((len(codes), len(scene.categories)), dtype=np.int32)  # as of pixels: kernels compile once
     counts[np.arange(len(codes)), categories_of_fields(scene)[codes % scene.n_fields]] = np.bincount(own)
     return unit, counts, at[first]
 
@@ -390,7 +390,7 @@ def _of_segments(
 
     seen = np.isfinite(layers)
     mean = summed(np.where(seen, layers, 0.0)) / np.where(summed(seen) > 0.0, summed(seen), np.nan)
-    counts, teaching = (summed(cells.T).T.astype(np.int64) for cells in (pixels.counts, teaching))
+    counts, teaching = (summed(cells.T).T.astype(np.int32) for cells in (pixels.counts, teaching))
     tile = np.empty(n, dtype=np.int64)
     tile[segment] = pixels.tile
     unit = np.where(pixels.pixel >= 0, segment[pixels.pixel], -1).astype(np.int32)

@@ -155,6 +155,7 @@ def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
 def test_tiles_that_hold_scored_cells_are_those_of_units_with_counts(by: str) -> None:
     unscored = replace(SCENE, scored=SCENE.scored & (np.arange(SCENE.shape[1]) < SCENE.shape[1] // 3))
     found = evidence_of([image(unscored, 12.0)], unscored, by=by, **KEY)
+    assert found.counts.dtype == found.teaching.dtype == np.int32  # of one type, or kernels are compiled for each
     assert found.seen is not None
     assert np.flatnonzero(found.seen).tolist() == sorted(set(found.tile[found.counts.any(axis=1)].tolist()))
     assert not found.seen.all()
