@@ -27,10 +27,10 @@ def scores(folder: Path) -> list[tuple[int, str, float]]:
     ]
 
 
-@pytest.fixture
-def undisturbed(tmp_path: Path, tiny_scene: Path) -> list[tuple[int, str, float]]:
-    folder = make_tiny(tmp_path / "plain", tiny_scene)
-    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "20"]).exit_code in (0, 3)
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> list[tuple[int, str, float]]:
+    folder = make_tiny(tmp_path_factory.mktemp("plain") / "c", tiny_scene)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "16"]).exit_code in (0, 3)
     return scores(folder)
 
 
@@ -48,7 +48,7 @@ def test_a_clock_that_jumps_back_and_forth_changes_no_result(tmp_path, tiny_scen
     for module in (database, ledger, store, take_in):
         monkeypatch.setattr(module, "utc_now", jumping)
     folder = make_tiny(tmp_path / "c", tiny_scene)
-    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "20"]).exit_code in (0, 3)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "16"]).exit_code in (0, 3)
     assert read > 50
     assert scores(folder) == undisturbed
     told = CliRunner().invoke(app, ["status", str(folder), "--history"])  # verifies the chain of events
@@ -85,7 +85,7 @@ def score_of(campaign: Campaign, run_id: int):
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_one_core_gives_the_same_campaign(tmp_path, tiny_scene, undisturbed, workers) -> None:
     folder = make_tiny(tmp_path / "c", tiny_scene)
-    command = [sys.executable, "-m", "seqrsm", "run", str(folder), "--max-runs", "20", "--workers", workers]
+    command = [sys.executable, "-m", "seqrsm", "run", str(folder), "--max-runs", "16", "--workers", workers]
     one = min(os.sched_getaffinity(0))
     done = subprocess.run(command, preexec_fn=lambda: os.sched_setaffinity(0, {one}), capture_output=True, timeout=240)
     assert done.returncode in (0, 3), done.stderr

@@ -217,7 +217,7 @@ def test_a_cluster_that_stands_still_is_given_up(tmp_path, monkeypatch):
 
 def test_a_scheduler_that_does_not_answer_is_lost(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "PATIENCE_S", 1)
-    with serving(tmp_path) as (frozen, process):
+    with serving(tmp_path, workers=1) as (frozen, process):
         runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=frozen)
         assert next(runs) == (0, 0)
         monkeypatch.setattr(runner, "CONNECT_S", 1)
@@ -243,7 +243,7 @@ def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(addre
         call("propose", folder)
     call("simulate", alone)
     expected = scores(alone)
-    with serving(tmp_path) as (gone, process):
+    with serving(tmp_path, workers=1) as (gone, process):
         campaign = Campaign.open(tiny)
 
         def kill_at_third(done: int, _total: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from html import unescape
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from seqrsm.campaign.export import export
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
 from seqrsm.store.store import Store
+
+pytestmark = pytest.mark.usefixtures("few_draws")
 
 MEASURED = """\
 [campaign]
@@ -45,9 +48,15 @@ def call(*arguments: object, code: int = 0) -> str:
 
 
 @pytest.fixture
-def flown(tmp_path: Path) -> Path:
+def flown(tmp_path: Path, made: Path) -> Path:
+    """A copy of the campaign, the test's own."""
+    return shutil.copytree(made, tmp_path / "flown")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign with everything in it: proposals, scores, blocks, repeats, void and replaced runs, rankings."""
-    folder = tmp_path / "flown"
+    folder = tmp_path_factory.mktemp("made") / "flown"
     folder.mkdir()
     (folder / "campaign.toml").write_bytes(("\ufeff" + MEASURED + "# caf\u00e9\n").replace("\n", "\r\n").encode())
     rows = [f"{k / 5 - 1!r},{'ab'[k % 2]},{(k * 0.7) % 1 + k / 30!r},worth,=note {k}" for k in range(12)]

@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 HEAD = '[campaign]\nname = "extreme"\nseed = 3\nbatch = {batch}\n'
 APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
 

@@ -4,7 +4,7 @@ import ast
 import graphlib
 import subprocess
 import sys
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -103,7 +103,7 @@ def test_the_probe_would_see_a_heavy_library() -> None:
     assert "numpy" in loaded_by("import seqrsm.design.factors")
 
 
-@lru_cache
+@cache
 def imports_in(path: Path) -> list[ast.Import | ast.ImportFrom]:
     """At its top, inside functions, and for types only."""
     tree = ast.parse(path.read_text(encoding="utf-8"))

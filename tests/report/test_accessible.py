@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from devtools import BROWSER, Page, tab
 
-from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 
 ROOT = Path(__file__).parents[2]
@@ -46,16 +45,16 @@ def page(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("name", "widths"), [("simulated", WIDTHS), ("flight", WIDTHS[:1]), ("many", WIDTHS[1:2])])
-def test_nothing_is_found_on_a_report(name, widths, request, page, tmp_path):
+def test_nothing_is_found_on_a_report(name, widths, request, built, page, tmp_path):
     file = tmp_path / "report.html"
-    file.write_text(render_html(build_report(request.getfixturevalue(name))), encoding="utf-8")
+    file.write_text(render_html(built(request.getfixturevalue(name))), encoding="utf-8")
     for width in widths:
         assert findings(page, file, width, dark=width == WIDTHS[1]) == []
 
 
-def test_what_is_wrong_is_found(flight, page, tmp_path):
+def test_what_is_wrong_is_found(flight, built, page, tmp_path):
     """At each grade: an image without words, grey on grey, a table's head without text, a heading out of turn."""
-    file, text = tmp_path / "report.html", render_html(build_report(flight))
+    file, text = tmp_path / "report.html", render_html(built(flight))
     wrong = (
         '<img src="data:,"><p style="color:#999;background:#aaa">x y z</p><table><tr><th></th></tr></table><h5>x</h5>'
     )

@@ -207,9 +207,9 @@ def test_every_section_of_a_report_in_all_faces(studied, capsys) -> None:
 
 
 @pytest.mark.parametrize("name", ["simulated", "flight", "many", "saturated"])
-def test_every_section_of_a_report_on_the_terminal(name, request, capsys) -> None:
+def test_every_section_of_a_report_on_the_terminal(name, request, built, capsys) -> None:
     """The written faces of these are compared with their blocks in test_report_faces."""
-    on_the_terminal(build_report(request.getfixturevalue(name)).sections, capsys)
+    on_the_terminal(built(request.getfixturevalue(name)).sections, capsys)
 
 
 def test_tied_optima_are_in_all_faces(studied, capsys) -> None:

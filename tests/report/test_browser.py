@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -96,8 +95,8 @@ def in_browser(page: str, folder: Path, *flags: str) -> dict:
 
 
 @pytest.mark.parametrize("name", ["simulated", "flight", "many"])
-def test_nothing_is_wider_than_the_window_and_tables_sort(name, request, tmp_path):
-    page = render_html(build_report(request.getfixturevalue(name)))
+def test_nothing_is_wider_than_the_window_and_tables_sort(name, request, built, tmp_path):
+    page = render_html(built(request.getfixturevalue(name)))
     found = in_browser(page, tmp_path)
     assert [one["width"] for one in found["pages"]] == list(WIDTHS)
     for one in found["pages"]:
@@ -115,8 +114,8 @@ def luminance(colour: str) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def test_dark_and_light_follow_the_reader(flight, tmp_path):
-    page = render_html(build_report(flight))
+def test_dark_and_light_follow_the_reader(flight, built, tmp_path):
+    page = render_html(built(flight))
     (tmp_path / "light").mkdir()
     (tmp_path / "dark").mkdir()
     light = in_browser(page, tmp_path / "light", "--blink-settings=preferredColorScheme=1")["pages"][0]
@@ -128,21 +127,21 @@ def test_dark_and_light_follow_the_reader(flight, tmp_path):
         assert (bright + 0.05) / (dim + 0.05) > 7.0  # WCAG AAA
 
 
-def test_the_harness_finds_what_is_too_wide(flight, tmp_path):
-    page = render_html(build_report(flight)).replace("<footer>", '<footer><div style="width:500px">x</div>')
+def test_the_harness_finds_what_is_too_wide(flight, built, tmp_path):
+    page = render_html(built(flight)).replace("<footer>", '<footer><div style="width:500px">x</div>')
     found = in_browser(page, tmp_path)["pages"]
     assert found[0]["scroll"] >= 500
     assert any("DIV" in text for text in found[0]["outside"])
     assert found[1]["outside"] == []
 
 
-def test_paper_from_the_page_holds_what_is_folded(simulated, tmp_path):
+def test_paper_from_the_page_holds_what_is_folded(simulated, built, tmp_path):
     """Every cell of the folded table of runs is on the printed pages; sliders are not."""
     from pypdf import PdfReader
     from report_texts import squeezed
 
     assert BROWSER is not None
-    report = build_report(simulated)
+    report = built(simulated)
     (tmp_path / "page.html").write_text(render_html(report), encoding="utf-8")
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--no-pdf-header-footer",

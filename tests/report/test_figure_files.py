@@ -22,9 +22,9 @@ from seqrsm.report.wording import slug
 
 
 @pytest.fixture(scope="module")
-def folder(simulated, tmp_path_factory):
+def folder(simulated, built, tmp_path_factory):
     made = tmp_path_factory.mktemp("figures")
-    write_figures(build_report(simulated), made)
+    write_figures(built(simulated), made)
     return made
 
 

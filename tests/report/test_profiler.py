@@ -15,7 +15,6 @@ import pytest
 from test_browser import BROWSER
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
-from seqrsm.report.content import build_report
 from seqrsm.report.figures.surfaces import chosen_pairs, line, surface
 from seqrsm.report.html import render_html
 from seqrsm.report.profile import MOST_NODES, _levels, profile, profile_text
@@ -109,14 +108,14 @@ def test_text_cannot_end_its_element(simulated):
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 @pytest.mark.parametrize("power", [0, 8, -9])
-def test_the_browser_shows_the_first_row(simulated, tmp_path, power):
+def test_the_browser_shows_the_first_row(simulated, built, tmp_path, power):
     """In the digits of the report's text: with powers of ten where scores are huge or tiny."""
     analysis = simulated.analyses[0]
     found = profile(analysis)
     places = found["places"] - power
     rows = [[*(None if value is None else value * 10.0**power for value in row[:5]), row[5]] for row in found["rows"]]
     other = json.dumps({**found, "rows": rows, "places": places})
-    page = render_html(build_report(simulated)).replace(profile_text(analysis), other)
+    page = render_html(built(simulated)).replace(profile_text(analysis), other)
     (tmp_path / "page.html").write_text(page, encoding="utf-8")
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",

@@ -54,19 +54,6 @@ from seqrsm.spec.tables import ConsiderationSpec, SimulatorSpec, StopSpec
 
 
 @pytest.fixture(scope="module")
-def built():
-    """Reports, each dossier's made once."""
-    made = {}
-
-    def build(dossier):
-        if id(dossier) not in made:
-            made[id(dossier)] = build_report(dossier)
-        return made[id(dossier)]
-
-    return build
-
-
-@pytest.fixture(scope="module")
 def report(simulated, built):
     return built(simulated)
 
