@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,19 +37,19 @@ def cliff(x: np.ndarray) -> np.ndarray:
     return hill(x) - 30.0 / (1.0 + np.exp(-12.0 * (x[:, 0] - 0.4)))
 
 
-def known(
-    folder: Path, mean: Mean, sign: float = 1.0, model: str = "", days: float = 0.0
-) -> tuple[CampaignSpec, Analysis]:
+@cache
+def known(mean: Mean, sign: float = 1.0, model: str = "", days: float = 0.0) -> tuple[CampaignSpec, Analysis]:
     """What is known after a start design and fourteen runs anywhere, on eight ``days`` that scatter by so much."""
     goal = "maximize" if sign > 0.0 else "minimize"
     factors = "".join(f'[[factor]]\nname = "{name}"\nlow = -1.0\nhigh = 1.0\n' for name in "ab")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "campaign.toml").write_text(
-        f'[campaign]\nname = "r"\nseed = 3\nbatch = 6\n{factors}[[application]]\nname = "score"\nutility = "measured"\n'
-        f'goal = "{goal}"\n{model}[stop]\nhalf_width = 5.0\nmax_runs = 30\n',
-        encoding="utf-8",
-    )
-    spec, rng = load_spec(folder), np.random.default_rng(4)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "campaign.toml").write_text(
+            f'[campaign]\nname = "r"\nseed = 3\nbatch = 6\n{factors}[[application]]\nname = "score"\n'
+            f'utility = "measured"\ngoal = "{goal}"\n{model}[stop]\nhalf_width = 5.0\nmax_runs = 30\n',
+            encoding="utf-8",
+        )
+        spec = load_spec(Path(folder))
+    rng = np.random.default_rng(4)
     new = start_batch(spec, QuadraticModel(spec.factors), "flight")
     start = spec.region.code([run.settings for run in new])
     points = np.vstack([start, rng.uniform(-1.0, 1.0, (14, 2))])
@@ -71,8 +73,8 @@ def rehearsed(spec: CampaignSpec, analysis: Analysis, n: int) -> tuple[dict, lis
     return rehearsal.rehearse_campaign(campaign, n, lambda done, total: told.append((done, total))), told
 
 
-def test_intervals_cover_truths_that_are_drawn(tmp_path: Path) -> None:
-    spec, analysis = known(tmp_path, hill)
+def test_intervals_cover_truths_that_are_drawn() -> None:
+    spec, analysis = known(hill)
     found, told = rehearsed(spec, analysis, 6)
     numbers = found["numbers"]
     assert told[-1] == (6, 6)
@@ -81,18 +83,16 @@ def test_intervals_cover_truths_that_are_drawn(tmp_path: Path) -> None:
     assert 0.85 <= numbers["coverage_new_run"] <= 1.0
     assert numbers["coverage_rule"] == numbers["coverage_new_run"]  # it watches the interval of one run
     assert 0.0 <= numbers["regret_median"] <= numbers["regret_p95"] < 5.0
-    assert rehearsed(spec, analysis, 2)[0] == rehearsed(spec, analysis, 2)[0]
+    assert rehearsed(spec, analysis, 1)[0] == rehearsed(spec, analysis, 1)[0]
 
 
 @pytest.mark.parametrize("mean", [hill, cliff])
-def test_batches_of_random_days_are_rehearsed_by_days(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mean: Mean
-) -> None:
+def test_batches_of_random_days_are_rehearsed_by_days(monkeypatch: pytest.MonkeyPatch, mean: Mean) -> None:
     """Days that scatter thrice as much as runs: a batch shares its day's effect, and its analysis knows of days."""
     random = '[model]\nblock = "block"\nblock_effect = "random"\n'
-    spec, analysis = known(tmp_path, mean, model=random, days=3.0 * SIGMA)
+    spec, analysis = known(mean, model=random, days=3.0 * SIGMA)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
-    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(60)]
+    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(30)]
     of_days, of_runs = (np.median([one.of_day for one in truths]), np.median([truths[0].sd(np.zeros((1, 2)))]))
     assert of_days == pytest.approx(3.0 * SIGMA, rel=0.5)
     assert of_runs == pytest.approx(SIGMA, rel=0.5)
@@ -112,35 +112,37 @@ def test_batches_of_random_days_are_rehearsed_by_days(
         assert [run.block for run in runs] == [f"day {run.batch}" for run in runs]
 
 
-def test_minimising_mirrors_maximising(tmp_path: Path) -> None:
-    up, _ = rehearsed(*known(tmp_path / "up", hill), 2)
-    down, _ = rehearsed(*known(tmp_path / "down", hill, -1.0), 2)
+def test_minimising_mirrors_maximising() -> None:
+    up, _ = rehearsed(*known(hill), 2)
+    down, _ = rehearsed(*known(hill, -1.0), 2)
     for numbers in (up["numbers"], down["numbers"]):  # the draws are not mirrored, what they are like is
         assert 18 <= numbers["runs_median"] <= 30
         assert 0.0 <= numbers["regret_median"] < 2.0
         assert numbers["coverage_new_run"] > 0.8
 
 
-def test_truths_are_quadratics_and_processes_by_their_probability(tmp_path: Path) -> None:
-    spec, analysis = known(tmp_path, cliff)
+def test_truths_are_quadratics_and_processes_by_their_probability() -> None:
+    spec, analysis = known(cliff)
     departure = analysis.fitted.departure
     assert departure.probability > 0.9
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
     at = np.array([[0.1, 0.0], [0.9, -0.5]])
-    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(100)]
+    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(50)]
     values = np.array([truth.mean(at) for truth in truths])
     process = departure.process
     assert isinstance(process, Process)
     means, variances = process.marginals(at)
     sd = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
-    np.testing.assert_allclose(values.mean(axis=0), analysis.belief.mean(at), atol=float(4.0 * np.max(sd) / 10.0))
+    np.testing.assert_allclose(
+        values.mean(axis=0), analysis.belief.mean(at), atol=float(4.0 * np.max(sd) / np.sqrt(50.0))
+    )
     assert min(truth.best - float(truth.mean(analysis.optimum.point[None, :])[0]) for truth in truths[:20]) > -0.05
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path, share: float) -> None:
+def test_runs_of_a_truth_scatter_as_its_scale_says(share: float) -> None:
     """On the logit's scale more where the score is nearer to 100, so that they scatter alike in percent."""
-    spec, analysis = known(tmp_path, lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
+    spec, analysis = known(lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
     fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
     truth = rehearsal._truth(replace(analysis, fitted=fitted), draws, np.random.default_rng(2))
@@ -151,8 +153,8 @@ def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path, share: float)
     assert truth.sd(at)[0] > 1.5 * truth.sd(at)[1]
 
 
-def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget(tmp_path: Path) -> None:
-    spec, _ = known(tmp_path, hill)
+def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget() -> None:
+    spec, _ = known(hill)
     spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 50.0, "max_runs": 22}))
 
     def made(**rule: Any) -> tuple[Analysis, list[RunRecord]]:
@@ -169,32 +171,32 @@ def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget(tmp_path: Path)
     assert [run.proposed for run in all_runs[:18]] == [run.proposed for run in few]
 
 
-def test_the_first_look_forecasts_what_campaigns_reach(tmp_path: Path) -> None:
-    """Ten campaigns: were the variance of the mean to fall as 1/n, half-widths would be foretold 2.2 times too wide."""
-    spec, _ = known(tmp_path, hill)
+def test_the_first_look_forecasts_what_campaigns_reach() -> None:
+    """Six campaigns: were the variance of the mean to fall as 1/n, half-widths would be foretold 2.2 times too wide."""
+    spec, _ = known(hill)
     rule = spec.stop.model_copy(update={"interval": "confidence", "half_width": 1e-3, "max_runs": 30})
     ratio = []
-    for seed in range(10):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         score = lambda at: [NewScore("score", float(y)) for y in hill(at) + SIGMA * rng.standard_normal(len(at))]  # noqa: B023, E731
         own = replace(spec, stop=rule, seed=seed)
         last, runs = rehearsal.make_campaign(own, "flight", score, n_draws=50)
         first = analyse(own, own.applications[0], [run for run in runs if run.batch == 1], n_draws=50)
         ratio.append(first.decision.attainable_half_width / last.decision.half_width)
-    assert 0.7 < np.exp(np.mean(np.log(ratio))) < 1.5
+    assert 0.65 < np.exp(np.mean(np.log(ratio))) < 1.6
 
 
-def test_the_first_application_alone_is_rehearsed(tmp_path: Path) -> None:
-    spec, analysis = known(tmp_path, hill)
+def test_the_first_application_alone_is_rehearsed() -> None:
+    spec, analysis = known(hill)
     other = spec.applications[0].model_copy(update={"name": "other"})
     plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)), analysis)
     assert [one.name for one in plain.applications] == ["score"]
     assert plain.considerations == ()
 
 
-def test_numbers_of_a_rehearsal_by_hand(tmp_path: Path) -> None:
+def test_numbers_of_a_rehearsal_by_hand() -> None:
     assert rehearsal._share(np.array([1.0, 1.5, 2.0, 3.5, 4.0]), Interval(1.5, 3.5)) == 0.6
-    spec, analysis = known(tmp_path, hill)
+    spec, analysis = known(hill)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=10)
     covered = {"rule": 1.0, "prediction": 0.5}
     ended = [{**covered, "confidence": i < 9, "held": i < 8, "runs": 20 + i, "loss": float(i)} for i in range(11)]
@@ -213,8 +215,8 @@ def test_numbers_of_a_rehearsal_by_hand(tmp_path: Path) -> None:
     }
 
 
-def test_a_draw_of_the_process_is_distributed_as_its_marginals(tmp_path: Path) -> None:
-    _, analysis = known(tmp_path, cliff)
+def test_a_draw_of_the_process_is_distributed_as_its_marginals() -> None:
+    _, analysis = known(cliff)
     process = analysis.fitted.departure.process
     assert process is not None
     at = np.array([[0.45, 0.3]])
@@ -226,8 +228,8 @@ def test_a_draw_of_the_process_is_distributed_as_its_marginals(tmp_path: Path) -
     assert kstest(values, lambda x: np.searchsorted(found, x) / len(found)).pvalue > 1e-3
 
 
-def test_truths_beyond_100_percent_are_covered_as_the_scores_that_they_give(tmp_path: Path) -> None:
-    spec, _ = known(tmp_path, lambda x: hill(x) + 19.0)
+def test_truths_beyond_100_percent_are_covered_as_the_scores_that_they_give() -> None:
+    spec, _ = known(lambda x: hill(x) + 19.0)
     percent = spec.applications[0].model_copy(update={"utility": "percent_correct"})
     percent.model_post_init(None)
     spec = replace(spec, applications=(percent,))
@@ -244,17 +246,17 @@ def test_truths_beyond_100_percent_are_covered_as_the_scores_that_they_give(tmp_
     assert numbers["regret_p95"] < 5.0
 
 
-def test_confirmation_runs_are_rehearsed(tmp_path: Path) -> None:
+def test_confirmation_runs_are_rehearsed() -> None:
     """Where they are the guard, no campaign could stop without them; they are beyond the budget of runs."""
-    spec, analysis = known(tmp_path, hill)
+    spec, analysis = known(hill)
     stop = spec.stop.model_copy(update={"guard": "confirmation", "confirmation_runs": 4, "half_width": 9.0})
     numbers = rehearsed(replace(spec, stop=stop), analysis, 6)[0]["numbers"]
     assert numbers["stopped"] >= 0.5
     assert 16 <= numbers["runs_p10"] <= numbers["runs_median"] < 30
 
 
-def test_a_campaign_that_may_be_no_better_than_a_guess_does_not_stop_in_rehearsal_either(tmp_path: Path) -> None:
-    spec, analysis = known(tmp_path, hill)
+def test_a_campaign_that_may_be_no_better_than_a_guess_does_not_stop_in_rehearsal_either() -> None:
+    spec, analysis = known(hill)
     for guess, stopped in ((40.0, True), (79.0, False)):
         data = replace(analysis.data, guess=guess)
         numbers = rehearsed(spec, replace(analysis, fitted=replace(analysis.fitted, data=data)), 4)[0]["numbers"]
@@ -262,9 +264,9 @@ def test_a_campaign_that_may_be_no_better_than_a_guess_does_not_stop_in_rehearsa
 
 
 @pytest.mark.parametrize("response", ["identity", "logit"])
-def test_counts_are_rehearsed_as_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, response: str) -> None:
+def test_counts_are_rehearsed_as_counts(monkeypatch: pytest.MonkeyPatch, response: str) -> None:
     """Runs of 96 percent scatter less than runs of 60, in rehearsed scores and for their fits: by p (1 - p) / n."""
-    spec, _ = known(tmp_path, hill)
+    spec, _ = known(hill)
     percent = spec.applications[0].model_copy(update={"utility": "percent_correct"})
     percent.model_post_init(None)
     counts = spec.model.model_copy(update={"weights": "counts", "response": response})

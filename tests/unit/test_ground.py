@@ -244,7 +244,8 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
     """150 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(7)
-    spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 1e-9}))  # the whole budget is spent
+    never = spec.stop.model_copy(update={"half_width": 1e-9})  # the whole budget is spent, in two batches
+    spec = replace(spec, stop=never, batch=24)
     ground, chance, inside, plain, widths = 5.0, 3.0, [], [], []
     for _ in range(150):
         known = ground_of_scores(bundle(rng, ground, chance))
