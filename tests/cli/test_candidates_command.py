@@ -21,6 +21,8 @@ from seqrsm.cli.notebook import Candidates
 from seqrsm.report.content import build_report
 from seqrsm.spec.read import load_spec
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 CANDIDATES = """
 [[candidate]]
 name = "the same"

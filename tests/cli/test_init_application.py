@@ -29,6 +29,12 @@ from seqrsm.spec.read import load_spec
 from seqrsm.spec.templates import packaged
 
 
+@pytest.fixture
+def few_probes(monkeypatch) -> None:
+    """What runs cost and scatter, from few settings of the region."""
+    monkeypatch.setattr(check, "PROBES", 5)
+
+
 def made(folder, *words, code=0):
     given = [part for one in words for part in ("--application", one)]
     result = CliRunner().invoke(app, ["init", str(folder), *given])
@@ -36,6 +42,7 @@ def made(folder, *words, code=0):
     return result.output
 
 
+@pytest.mark.usefixtures("few_probes")
 def test_soil_moisture_is_measured_by_its_skill_and_says_where_its_numbers_come_from(tmp_path) -> None:
     """No campaign under a false name: soil moisture is not a percentage of covers named rightly."""
     folder = tmp_path / "soil"
@@ -120,6 +127,7 @@ def test_what_no_utility_measures_is_said_and_waits_for_measured_scores(tmp_path
     assert proposed.exit_code == 0, proposed.output
 
 
+@pytest.mark.usefixtures("few_probes")
 def test_two_applications_make_one_campaign_of_both(tmp_path) -> None:
     made(tmp_path / "two", "crops", "soil moisture")
     spec = load_spec(tmp_path / "two")
@@ -133,6 +141,7 @@ def test_two_applications_make_one_campaign_of_both(tmp_path) -> None:
     assert not (tmp_path / "three").exists()
 
 
+@pytest.mark.usefixtures("few_probes")
 def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None:
     wake = packaged("campaigns") / "wake-radiometer" / "scene.npz"
     given = ["--application", "flood", "--scene", str(wake)]

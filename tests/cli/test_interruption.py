@@ -18,6 +18,8 @@ from seqrsm.analysis.ground import MEASURED
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 
 def _heed_interrupts() -> None:
     """A shell's background jobs inherit deafness to SIGINT."""

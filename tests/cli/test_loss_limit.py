@@ -20,6 +20,8 @@ from seqrsm.cli.notebook import Campaign as Notebook
 from seqrsm.cli.show_fit import show_look
 from seqrsm.report.sections.data import question_section
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 TWO = """\
 [[application]]
 name = "cover"

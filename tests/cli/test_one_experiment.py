@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,8 +32,16 @@ def scored(folder: Path) -> int:
 
 
 @pytest.fixture
-def begun(tmp_path: Path, tiny_scene: Path) -> Path:
-    folder = make_tiny(tmp_path / "c", tiny_scene, TINY.replace('"percent_correct"', '"own:mine"'))
+def begun(tmp_path: Path, made: Path) -> Path:
+    """A copy of the campaign, the test's own."""
+    return shutil.copytree(made, tmp_path / "c")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Path:
+    folder = make_tiny(
+        tmp_path_factory.mktemp("made") / "c", tiny_scene, TINY.replace('"percent_correct"', '"own:mine"')
+    )
     (folder / "own.py").write_text(OWN, encoding="utf-8")
     assert run(folder, "--max-runs", "14").exit_code in (0, 3)
     return folder

@@ -92,10 +92,12 @@ def test_batches_of_random_days_are_rehearsed_by_days(monkeypatch: pytest.Monkey
     random = '[model]\nblock = "block"\nblock_effect = "random"\n'
     spec, analysis = known(mean, model=random, days=3.0 * SIGMA)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
-    truths = [rehearsal._truth(analysis, draws, np.random.default_rng(i)) for i in range(30)]
-    of_days, of_runs = (np.median([one.of_day for one in truths]), np.median([truths[0].sd(np.zeros((1, 2)))]))
-    assert of_days == pytest.approx(3.0 * SIGMA, rel=0.5)
-    assert of_runs == pytest.approx(SIGMA, rel=0.5)
+    for share in (0.0, 1.0):
+        fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
+        given = replace(analysis, fitted=fitted)
+        truths = [rehearsal._truth(given, draws, np.random.default_rng(i)) for i in range(15)]
+        assert np.median([one.of_day for one in truths]) == pytest.approx(3.0 * SIGMA, rel=0.5)
+    assert np.median([one.sd(np.zeros((1, 2))) for one in truths]) == pytest.approx(SIGMA, rel=0.5)  # of the process
     made, make = [], rehearsal.make_campaign
 
     def kept(*given: Any, **more: Any) -> tuple[Analysis, list[RunRecord]]:
