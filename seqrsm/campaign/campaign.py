@@ -372,9 +372,8 @@ class Campaign:
         here = self._bundle(analysis.application, settings, workers, cluster)[:, 0]
 
         def moved(covers: Sequence[tuple[str, ...]], worlds: slice = slice(None)) -> FloatArray:
-            tasks = [
-                replace(task, elsewhere=own) for task in bundle[worlds] for own in covers
-            ]  # neighbours share draws
+            # Neighbours share draws.
+            tasks = [replace(task, elsewhere=own) for task in bundle[worlds] for own in covers]
             scores = self.scores_of(tasks, analysis.application, workers, cluster)
             return scores.reshape(-1, len(covers)).T
 

@@ -487,9 +487,8 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 met.setdefault(kind, []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
-                told = (
-                    str(problem) if problem.field == COVER else _NUMBERS.sub("0", str(problem))
-                )  # a cover by its name
+                # A cover goes by its name, numbers and all.
+                told = str(problem) if problem.field == COVER else _NUMBERS.sub("0", str(problem))
                 found.setdefault(told, []).append((problem, shown))
     if found:
         raise SpecError(*[_sensor_problem(spec, met, len(points)) for met in found.values()][:10])
