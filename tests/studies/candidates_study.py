@@ -41,8 +41,8 @@ REFERENCE = RadarConfiguration(1.25, ("HH", "HV", "VV"), 15.0, 50.0, 100.0, 45.0
 SENSORS = (
     ("Sentinel-1 IW GRDH", "VV+VH"),
     ("NISAR L DH 40+5 (GCOV 10 m)", "HH+HV"),
-    ("ROSE-L RIWS quad", "HH+HV+VV"),
-    ("SAOCOM-1 Stripmap quad", "HH+HV+VV"),
+    ("ROSE-L RIWS quad", "HH+HV+VV+phase"),
+    ("SAOCOM-1 Stripmap quad", "HH+HV+VV+phase"),
     ("TerraSAR-X/TanDEM-X/PAZ StripMap dual SE", "HH+VV"),
 )
 FLIGHTS = 8
