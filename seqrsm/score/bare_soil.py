@@ -34,7 +34,6 @@ GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
 
 FINE: Final[FloatArray] = np.linspace(GRID[0], GRID[-1], 97)
 _DB: Final = 10.0 / math.log(10.0)
-_UNSEEN_DB2: Final = 1e6
 _SEEN_DB: Final = 0.1  # a category whose backscatter changes by less shows no moisture
 
 
@@ -82,9 +81,9 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     told, seen = here.any(axis=1), here.any(axis=0)
     away, here, looks = away[told][:, seen], here[told][:, seen], [steps[0][c] for c in np.flatnonzero(told)]
     covariance = covariance[seen][:, told][:, :, told]
-    blind = ~here.T  # what a radar does not see of a field may be anything
+    blind = ~here.T  # what a radar does not see of a field is no departure, and related to none
     covariance[blind], covariance.swapaxes(1, 2)[blind] = 0.0, 0.0
-    covariance += _UNSEEN_DB2 * np.einsum("nc,cd->ncd", blind, np.eye(len(away)))
+    covariance += np.einsum("nc,cd->ncd", blind, np.eye(len(away)))
     radar = images[0].radar
     low, high = radar.soil_moisture_low, radar.soil_moisture_high
     spread = math.hypot(radar.soil_moisture_field_sd, region_spread(scene, radar))
