@@ -202,16 +202,17 @@ def fade_together(
     out_both : float array (2, n_range, n_azimuth)
         Written.
     """
-    add, per_rest = (np.repeat(x, hh.shape[1]) for x in (noise, 1.0 / np.maximum(looks - 1.0, 1e-9)))
+    m, per_rest = hh.shape[1], 1.0 / np.maximum(looks - 1.0, 1e-9)
     planes = hh, vv, *both, out_hh, out_vv, *free, *out_both
     *means, hh, vv, first, second, plus, turned = (plane.reshape(-1) for plane in planes)
     w = np.empty((8, kernels_speckle.LINE))
-    for begin in range(0, len(add), kernels_speckle.LINE):
-        at = slice(begin, min(begin + kernels_speckle.LINE, len(add)))
-        line = w[:, : at.stop - begin]
+    for begin in range(0, hh.size, kernels_speckle.LINE):
+        at = slice(begin, min(begin + kernels_speckle.LINE, hh.size))
+        line, row = w[:, : at.stop - begin], np.arange(begin, at.stop) // m
+        add = noise[row]
         for own, mean in zip(line, means, strict=False):
-            np.add(mean[at], add[at], out=own)
+            np.add(mean[at], add, out=own)
         line[4], line[5], line[7] = hh[at], vv[at], np.exp(-second[at])
-        np.exp(-first[at] * per_rest[at], out=line[6])
+        np.exp(-first[at] * per_rest[row], out=line[6])
         kernels_speckle.relate(w.reshape(-1), np.uint64(line.shape[1]))
         vv[at], plus[at], turned[at] = line[5], line[2], line[3]
