@@ -25,10 +25,10 @@ from seqrsm.analysis.ground import (
     N_WORLDS,
     OCCASIONS,
     RANKED,
-    TOO_LITTLE,
     future_sd,
     left_of_ground,
     measured_ground,
+    still_ranked,
 )
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, coded_settings, evidence, n_determined, scored_runs, see_names
@@ -384,8 +384,7 @@ class Campaign:
 
         covers = [(name,) for name in sds]
         few = moved(covers, slice(FEW_WORLDS))
-        so_far = np.nansum(np.square(few - here[:FEW_WORLDS]), axis=1)
-        kept = np.flatnonzero(so_far >= TOO_LITTLE * np.sort(so_far)[-COVERS:][0])
+        kept = still_ranked(few - here[:FEW_WORLDS])
         covers = [covers[k] for k in kept]
         each = np.hstack([few[kept], moved(covers, slice(FEW_WORLDS, None))])
         found = [left(own, there) for own, there in zip(covers, each, strict=True)]

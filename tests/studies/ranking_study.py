@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seqrsm.analysis.ground import COVERS, FEW_WORLDS, N_WORLDS, OCCASIONS, TOO_LITTLE
+from seqrsm.analysis.ground import COVERS, FEW_WORLDS, N_WORLDS, OCCASIONS, still_ranked
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rests_on import mean_sds
@@ -34,13 +34,13 @@ AT: dict[str, list[dict[str, float | str]]] = {
 
 
 def moved(name: str, settings: dict[str, float | str], worlds: int) -> tuple[list[str], FloatArray]:
-    """Covers of an example, and half the squares of what each does to the score in each world, (worlds, covers)."""
+    """Covers of an example, and what each does to the score in each world, (worlds, covers)."""
     spec = load_spec(ROOT / "campaigns" / name)
     covers = list(mean_sds(spec, settings)[0])
     tasks = bundle_tasks(spec, settings, 0, range(worlds))[::OCCASIONS]
     asked = [replace(task, elsewhere=own) for task in tasks for own in ((), *((cover,) for cover in covers))]
     scores = Campaign.scores_of(asked, spec.applications[0].name, 1, None).reshape(worlds, -1)
-    return covers, 0.5 * np.square(scores[:, 1:] - scores[:, :1])
+    return covers, scores[:, 1:] - scores[:, :1]
 
 
 def main() -> None:
@@ -51,13 +51,13 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name, places in AT.items():
         for settings in places:
-            covers, squares = moved(name, settings, worlds)
-            best, rng = np.argsort(-squares.mean(axis=0)), np.random.default_rng(1)
+            covers, steps = moved(name, settings, worlds)
+            best, rng = np.argsort(-np.square(steps).mean(axis=0)), np.random.default_rng(1)
             rows = []
             for _ in range(SETS):
-                own = squares[rng.choice(worlds, N_WORLDS, replace=False)]
-                few, order = own[:FEW_WORLDS].sum(axis=0), np.argsort(-own.mean(axis=0))
-                kept = few >= TOO_LITTLE * np.sort(few)[-COVERS:][0]
+                own = steps[rng.choice(worlds, N_WORLDS, replace=False)]
+                order = np.argsort(-np.square(own).mean(axis=0))
+                kept = np.isin(np.arange(len(covers)), still_ranked(own[:FEW_WORLDS].T))
                 used = FEW_WORLDS * len(covers) + (N_WORLDS - FEW_WORLDS) * int(kept.sum())
                 rows.append((used, kept[order[:COVERS]].all(), kept[order[0]], not kept[best[0]]))
             used, three, first, lost = np.mean(np.array(rows, dtype=np.float64), axis=0)
