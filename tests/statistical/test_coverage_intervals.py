@@ -117,7 +117,7 @@ def test_sizes_of_the_f_tests() -> None:
 def test_sequential_f_tests_have_their_size() -> None:
     """Blocks, first order, interactions, squares of the analysis of variance, with days as fixed blocks."""
     rng = np.random.default_rng(9)
-    n, sets = 18, 1000
+    n, sets = 18, 2000
     a, b = rng.uniform(-1, 1, (2, n))
     day = np.arange(n) % 3
     columns, names = block_columns(day.tolist())

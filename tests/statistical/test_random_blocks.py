@@ -175,14 +175,14 @@ def test_draws_are_those_of_the_intervals() -> None:
 
 
 def test_intervals_of_a_process_cover_the_mean_and_a_new_day() -> None:
-    """A narrow top by 40 runs on 8 days: 40 data sets, means over the region, and five runs of a ninth day."""
+    """A narrow top by 40 runs on 8 days: 60 data sets, means over the region, and five runs of a ninth day."""
     model = QuadraticModel(tuple(ContinuousFactor(name, -1.0, 1.0) for name in "ab"))
     rng, days, covered = np.random.default_rng(12), np.arange(40) % 8, []
 
     def hill(points: np.ndarray) -> np.ndarray:
         return 50.0 + 30.0 * np.exp(-4.0 * np.sum((points - 0.3) ** 2, axis=1))
 
-    for _ in range(40):
+    for _ in range(60):
         points, at = rng.uniform(-1.0, 1.0, (2, 40, 2))
         y = hill(points) + 2.0 * rng.normal(size=8)[days] + rng.normal(size=40)
         process = Process(model, points, y, np.ones(40), rng, blocks=Blocks(np.eye(8)[days], new=True))
@@ -195,4 +195,4 @@ def test_intervals_of_a_process_cover_the_mean_and_a_new_day() -> None:
         )
         covered.append([np.mean(np.abs(one - 0.5) < 0.475) for one in reached])
     for one in np.array(covered).T:
-        assert one.mean() == pytest.approx(0.95, abs=3.0 * one.std() / np.sqrt(40))
+        assert one.mean() == pytest.approx(0.95, abs=3.0 * one.std() / np.sqrt(60))

@@ -1,4 +1,4 @@
-"""Five processes propose, claim, score and ingest at once, on SQLite and PostgreSQL: none lost, none doubled."""
+"""Eight processes propose, claim, score and ingest at once, on SQLite and PostgreSQL: none lost, none doubled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from postgres_server import wipe
 from seqrsm.store.records import NewRun
 from seqrsm.store.store import Store
 
-PROCESSES, RUNS_EACH, FILES_EACH, ROWS = 5, 4, 2, 3
+PROCESSES, RUNS_EACH, FILES_EACH, ROWS = 8, 4, 2, 3
 
 WORKER = """
 import sys
@@ -43,7 +43,7 @@ with Store.open(folder, url=url, campaign="test") as store:
 """
 
 
-def test_five_writers(store, tmp_path, url):
+def test_eight_writers(store, tmp_path, url):
     arguments = [sys.executable, "-c", WORKER, str(tmp_path), url or ""]
     workers = [
         subprocess.Popen(

@@ -501,12 +501,12 @@ def test_nothing_is_taken_off_without_an_estimate_of_error(tmp_path: Path) -> No
 
 
 def test_what_is_told_of_a_flat_surface_is_true(tmp_path: Path) -> None:
-    """50 campaigns of 16 runs; 1.2 sigma too high without the part that choosing adds."""
+    """120 campaigns of 16 runs: a mean too high by 0.8 sigma, intervals that cover 80 %, were the choice forgotten."""
     points, rng = np.round(spread(16, 2), 3), np.random.default_rng(4)
     bias, covers = [], []
     made = campaign(tmp_path / "c", TWO, points, rng.standard_normal(16))
     (first, *rest), (application,) = made.store.runs(), made.spec.applications
-    for _ in range(50):
+    for _ in range(120):
         runs = [
             replace(run, scores=(replace(run.scores[0], score=60.0 + float(rng.standard_normal())),))
             for run in (first, *rest)
@@ -515,8 +515,8 @@ def test_what_is_told_of_a_flat_surface_is_true(tmp_path: Path) -> None:
         bias.append((best.mean - 60.0, best.mean + best.optimism - 60.0))
         covers.append(best.confidence.low <= 60.0 <= best.confidence.high)
     told, without = np.mean(bias, axis=0)
-    assert told < 0.7 < without - 0.2  # a campaign's varies by 0.8
-    assert np.mean(covers) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 50)
+    assert told < 0.45 < without - 0.2
+    assert np.mean(covers) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 120)
 
 
 @pytest.mark.parametrize(
