@@ -103,6 +103,23 @@ def test_each_pixel_is_the_sum_of_a_part_of_hh_and_a_part_of_its_own(looks: floa
     np.testing.assert_allclose(out[1] - 0.5 * (own_hh + power), product.imag, atol=1e-20)
 
 
+def test_every_row_fades_by_its_own_looks_and_noise() -> None:
+    """The same bits as each row by itself; what is worked through at a time ends in the middle of rows."""
+    rng, shape = np.random.default_rng(8), (7, 1900)
+    hh, vv, own_hh, own_vv = rng.gamma(2.0, 1.0, (4, *shape))
+    both, free = rng.gamma(2.0, 1.0, (2, *shape)), rng.exponential(size=(2, *shape))
+    noise, looks = np.linspace(0.01, 1.0, 7), np.geomspace(1.0, 50.0, 7)
+    out_vv, out = own_vv.copy(), np.empty((2, *shape))
+    fade_together(hh, vv, both, noise, looks, free, own_hh, out_vv, out)
+    for k in range(7):
+        row = slice(k, k + 1)
+        row_vv, row_out = own_vv[row].copy(), np.empty((2, 1, shape[1]))
+        ground = hh[row], vv[row], both[:, row].copy(), noise[row], looks[row], free[:, row].copy()
+        fade_together(*ground, own_hh[row].copy(), row_vv, row_out)
+        np.testing.assert_array_equal(out_vv[row], row_vv)
+        np.testing.assert_array_equal(out[:, row], row_out)
+
+
 def test_without_echo_and_noise_there_is_no_product() -> None:
     dark, bright = np.zeros((1, 4)), np.ones((1, 4))
     out_hh, out_vv, both = 0.0 * dark, 2.0 * bright, np.full((2, 1, 4), np.nan)

@@ -15,7 +15,7 @@ from report_dossiers import truth_score, two_uses
 
 from seqrsm.report.content import build_report
 from seqrsm.report.figures import drawing as drawn
-from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, svg_for_html, tell
+from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, legend_above, svg_for_html, tell
 from seqrsm.report.figures.files import named_panels, write_figures
 from seqrsm.report.figures.optimum import _label_style
 from seqrsm.report.wording import slug
@@ -184,3 +184,19 @@ def test_names_of_levels_below_an_axis_do_not_run_into_each_other(labels):
 
     draw(paint)
     assert all(right.x0 - left.x1 >= 1.0 for left, right in itertools.pairwise(boxes))
+
+
+def test_a_legend_above_the_axes_hides_no_line():
+    boxes = []
+
+    def paint(axes):
+        for name in ("half-width", "target", "noise floor"):
+            axes.axhline(1.0, label=name)
+        legend_above(axes)
+        axes.figure.draw_without_rendering()
+        boxes.extend((axes.get_window_extent(), axes.get_legend().get_window_extent(), axes.figure.bbox))
+
+    draw(paint)
+    plot, legend, whole = boxes
+    assert plot.y1 <= legend.y0
+    assert whole.x0 <= legend.x0 < legend.x1 <= whole.x1
