@@ -67,6 +67,7 @@ from seqrsm.report.sections.model import term_test_table
 from seqrsm.report.sections.optimum import shape_section
 from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
+from seqrsm.report.wording import half_width_text
 from seqrsm.store.records import EventRecord, InterpreterEffect, RankingSummary
 
 pytestmark = pytest.mark.usefixtures("few_draws")
@@ -347,6 +348,11 @@ def _measured(analysis: Analysis) -> Section:
     without = EventRecord(1, "", "", None, None, RANKED, {**detail, "known": []})
     (only,) = measure_section(known, (without,), "measure").blocks
     assert "one flight" in str(only)
+    little = [{**one, "left": left} for one, left in zip(covers, (1.0, 0.9), strict=True)]
+    hardly = EventRecord(1, "", "", None, None, RANKED, {**detail, "known": little})
+    (only,) = measure_section(known, (hardly,), "measure").blocks
+    least = half_width_text(known, best.whole.half_width * float(np.sqrt(1.0 - 0.1 * 0.64)))
+    assert str(only.text).endswith(f"Exact knowledge of covers would leave {least} at best.")
     assert measure_section(analysis, (), "measure") is None
     return found
 

@@ -14,6 +14,7 @@ from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
 from seqrsm.analysis.conclude import _possible, analyse, as_found
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.analysis.runs import evidence, response_scale
 from seqrsm.analysis.scale import Interval
@@ -24,6 +25,7 @@ from seqrsm.errors import FitError
 from seqrsm.report.rounding import format_plain
 from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
+from seqrsm.report.wording import half_width_text
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -221,9 +223,12 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
             for start, share in floors.items():
                 floor = replace(short, noise_floor=share * spec.stop.half_width)
                 assert next(_next_steps(spec, replace(spent, decision=floor))).startswith(start)
-        doubt = replace(found.optimum, ground=SimpleNamespace(), by_chance=Interval(0.0, 0.0))
+        doubt = replace(found.optimum, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=Interval(0.0, 0.0))
+        after = half_width_text(found, 0.6 * doubt.whole.half_width)
         for budget, says in ((found, "Fly, or measure"), (spent, "Fly (raise [stop] max_runs first), or measure")):
-            assert list(_next_steps(spec, replace(budget, optimum=doubt)))[-1].startswith(says)
+            last = list(_next_steps(spec, replace(budget, optimum=doubt)))[-1]
+            assert last.startswith(says)
+            assert last.endswith(f"which one flight over the site would reduce to {after}.")
         of_map = replace(spent, known_map=True)
         assert ("better than the existing map for" in recommendation(of_map)) is not held
         assert next(_next_steps(spec, of_map)).endswith("more than the existing map alone.") is not held

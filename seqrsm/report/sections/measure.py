@@ -6,11 +6,26 @@ import math
 from collections.abc import Sequence
 
 from seqrsm.analysis.ground import N_WORLDS, RANKED
-from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.report.blocks import Paragraph, Section, right, table
 from seqrsm.report.rounding import decimals_of_significant, format_number, format_significant
 from seqrsm.report.wording import half_width_text, listing
 from seqrsm.store.records import EventRecord
+
+_HARDLY = 0.95
+"""Of the half-width: where knowing covers leaves more, a table of them tells nothing."""
+
+
+def width_left(best: OptimumEstimate, left: float) -> float:
+    """Stop-rule half-width where this share of the variance between grounds is left."""
+    return math.sqrt(max(best.whole.half_width**2 - (1.0 - left) * best.of_ground**2, 0.0))
+
+
+def width_after_flight(best: OptimumEstimate) -> float:
+    """Stop-rule half-width where one flight over the site has shown its ground, as far as one occasion can."""
+    assert best.ground is not None
+    of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
+    return width_left(best, chance / (of_ground + chance))
 
 
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
@@ -24,21 +39,18 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     if not found or best.ground is None or not best.of_ground > 0.0:
         return None
     title = "Which covers to measure"
-    of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     total = best.whole.half_width
-
-    def width(left: float) -> float:
-        """Half-width where this share of the ground's variance is left."""
-        return math.sqrt(max(total**2 - (1.0 - left) * best.of_ground**2, 0.0))
-
     head = (
         f"The stop-rule half-width is {half_width_text(analysis, total)}; one flight over the site would leave "
-        f"{half_width_text(analysis, width(chance / (of_ground + chance)))}."
+        f"{half_width_text(analysis, width_after_flight(best))}."
     )
     known, unit = found[-1]["known"], found[-1]["unit"]
     if not known:
         return Section(key, title, (Paragraph(head),))
-    widths = [width(one["left"]) for one in known]
+    widths = [width_left(best, one["left"]) for one in known]
+    if min(widths) > _HARDLY * total:
+        least = f" Exact knowledge of covers would leave {half_width_text(analysis, min(widths))} at best."
+        return Section(key, title, (Paragraph(head + least),))
     errors = [0.5 * one["se"] * best.of_ground**2 / own for one, own in zip(known, widths, strict=True)]
     decimals = max(decimals_of_significant(own, 2) for own in widths)
     sds = [f"\u00b1 {format_significant(one['mean_sd'], 2)}{f' {unit}' if unit else ''}" for one in known]

@@ -24,6 +24,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.sections.compromise import compromise_summary
+from seqrsm.report.sections.measure import width_after_flight
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
     at_bound_text,
@@ -31,6 +32,7 @@ from seqrsm.report.wording import (
     capital,
     cost_texts,
     ground_sentence,
+    half_width_text,
     interval_text,
     level_phrase,
     listing,
@@ -304,7 +306,11 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         first = " (raise [stop] max_runs first)" if decision.budget_spent else ""
-        yield f"Fly{first}, or measure the ground: table uncertainty makes up most of the half-width."
+        after = half_width_text(analysis, width_after_flight(best))
+        yield (
+            f"Fly{first}, or measure the ground: table uncertainty makes up most of the half-width, which one flight "
+            f"over the site would reduce to {after}."
+        )
 
 
 def _reasons(analysis: Analysis) -> Iterator[str]:
