@@ -122,7 +122,8 @@ def summarise_posterior(
     if looked is not draws:
         *_, regret = _optima(spec, fitted, point, looked)
     low, high = fitted.application.score_limits
-    epsilon = 0.25 * spec.stop_of(fitted.application.name).half_width
+    stop = spec.stop_of(fitted.application.name)
+    epsilon = 0.25 * stop.half_width if stop.loss is None else stop.loss
     level, prior = spec.stop.level, fitted.application.prior
     tail = 0.5 * (1.0 - level)
     stated = {} if draws.bounds is None or prior is None else prior.effect

@@ -210,7 +210,7 @@ class PosteriorSummary:
     p_regret_above : float
         Probability that the recommendation loses more than ``regret_epsilon``.
     regret_epsilon : float
-        The loss that is tested, score units.
+        The target of the stop rule for the loss, else a quarter of that for the half-width, score units.
     effects : tuple of EffectBound
         Bounds of the prior that all draws hold.
     effects_probability : float

@@ -292,6 +292,9 @@ def test_each_application_has_its_own_target(tmp_path) -> None:
     assert "target \u00b1 0.5 m3/m3" in told
     told = call("fit", folder).output.replace("\N{NO-BREAK SPACE}", " ")
     assert ["losing more than 12.5:" in told, "losing more than 0.125 m3/m3:" in told] == [True, True]  # a quarter
+    edited(folder, "half_width = 0.5\n", "half_width = 0.5\nloss = 0.2\n")
+    told = call("fit", folder).output.replace("\N{NO-BREAK SPACE}", " ")
+    assert ["losing more than 12.5:" in told, "losing more than 0.2 m3/m3:" in told] == [True, True]  # its own target
 
 
 def test_a_renamed_application_is_told(tmp_path) -> None:
