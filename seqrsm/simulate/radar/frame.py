@@ -232,7 +232,7 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> FrameLayers:
 
 
 def _layers(elevation: AnyArray, cover: AnyArray, field: AnyArray, **more: Any) -> FrameLayers:
-    ends = {"lowest_m": elevation.min(axis=1), "highest_m": elevation.max(axis=1)}
+    ends: dict[str, Any] = {"lowest_m": elevation.min(axis=1), "highest_m": elevation.max(axis=1)}
     return FrameLayers(elevation_m=elevation, cover=cover, field=field, **ends, **more)
 
 
