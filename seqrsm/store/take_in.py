@@ -50,7 +50,11 @@ def ingest_files(ledger: Ledger, files: Sequence[IngestedFile]) -> tuple[IngestO
 
 def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> IngestOutcome:
     same = ledger.connection.execute(sa.select(FILES).where(FILES.c.sha256 == file.sha256)).first()
-    if same is not None:
+    query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
+    heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
+    void = {run.run_id for run in ledger.runs(RUNS.c.state == "void")} - heirs.keys()
+    # The same content may bring back what was made void since.
+    if same is not None and not (void and any(run.run_id in {None, *void} for run in file.runs)):
         return IngestOutcome(already=FileRecord(same.name, same.sha256, same.row_count, same.ingested_at))
     before = len(problems)
     matched: list[int] = []
@@ -64,8 +68,6 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     fresh: list[tuple[IngestedRun, RunRecord | None]] = []
     first = ledger.next_id()
     ranked_already = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
-    query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
-    heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
     for run in file.runs:
         twin = known.take(run) if known is not None and run.run_id is None else None
         wanted = run.run_id if twin is None else twin.run_id
@@ -102,9 +104,11 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     applications = dict.fromkeys(ranking.application for ranking in file.rankings)
     ranked = tuple(score_rankings(ledger, application) for application in applications) if numbers else ()
     row = {"name": file.name, "sha256": file.sha256, "row_count": file.row_count}
-    ledger.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
-    detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
-    ledger.log("ingested", [(None, detail)])
+    if same is None:
+        ledger.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
+    if same is None or matched or created:
+        detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
+        ledger.log("ingested", [(None, detail)])
     return IngestOutcome(
         matched=tuple(matched) + ranked_runs,
         created=tuple(created),
@@ -176,9 +180,9 @@ def _is_share(score: NewScore | ScoreRecord) -> bool:
 def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:
     """Add measured scores to a proposed run; False when they are there already or cannot be added."""
     faults, fresh = ledger.new_scores(old.run_id, run.scores)
-    if old.executed is not None and dict(run.settings) != old.executed:
+    if (old.executed is not None or old.state == "scored") and dict(run.settings) != old.settings:
         message = f"run {old.run_id} was made at other settings"
-        faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.executed))
+        faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.settings))
     problems += faults
     if faults or not fresh:
         return False

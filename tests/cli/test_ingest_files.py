@@ -600,6 +600,21 @@ def test_the_score_of_a_void_run_comes_back_only_on_demand(make):
     assert "2 new runs" in folder.ingest(form_rows({1: 70, 2: 72}), "--accept", name="w2.csv")
 
 
+def test_a_run_voided_by_mistake_comes_back_with_the_very_file_it_came_from(make):
+    folder = make()
+    form = form_rows({1: 70, 2: 72})
+    folder.ingest(f"{HEADER}\n2,12,HH,70\n3,12,HH,72\n")
+    folder.ingest(form, name="form.csv")
+    folder.call("void", 1, "--why", "a slip")
+    told = folder.ingest(form, name="form.csv", code=2)
+    assert "form.csv:2: score: run 1 is void (a slip) and had this score (got 70.0)" in told
+    told = folder.ingest(form, "--accept", name="form.csv")
+    assert "Run 3 takes the place of run 1, which is void." in told
+    assert "nothing done" in folder.ingest(form, name="form.csv")
+    assert [run["state"] for run in folder.runs()] == ["void", "scored", "scored"]
+    assert folder.call("status", "--history").count("ingested:") == 3
+
+
 @pytest.mark.parametrize("day", ["03.02.2026", "3.2.26", "2/3/2026", "2026-02-03 00:00:00", "20260203"])
 def test_a_day_in_another_notation_makes_no_repeat(make, day):
     """A spreadsheet that saves a file again writes its days as it likes."""

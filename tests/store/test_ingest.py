@@ -217,6 +217,16 @@ def test_other_settings_for_a_scored_run(campaign):
         campaign("run_id," + HEADER + "\n1,2,4,VV,70\n")
 
 
+def test_other_settings_for_a_simulated_run(campaign, store):
+    """Its row has another setting than it was simulated at: no run was as the row says."""
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="simulation")])
+    store.record_scores(1, [NewScore("crops", 70.0)])
+    before = snapshot(store)
+    with pytest.raises(StoreError, match="run 1 was made at other settings"):
+        campaign("run_id," + HEADER + "\n1,2,4,VV,70\n")
+    assert snapshot(store) == before
+
+
 def test_a_void_run_is_replaced_and_kept(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, "repeat", block="b")])
     store.record_scores(1, [NewScore("crops", 50.0)])
