@@ -15,7 +15,7 @@ from seqrsm.analysis.ground import Ground, sds_of_levels
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
-from seqrsm.analysis.runs import NO_BLOCK, block_labels, evidence
+from seqrsm.analysis.runs import NO_BLOCK, block_labels, evidence, former_factors
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import Step, steps_of
 from seqrsm.analysis.study import block_study
@@ -144,7 +144,11 @@ def analyse(
         decision=decision,
         confirmation=confirmation,
         known_map=known_map,
-        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
+        warnings=(
+            *_warnings(spec, application, fitted, best),
+            *effects_left_out(application, posterior),
+            *former_factors(region, runs, fitted.data),
+        ),
         notes=tuple(
             _notes(spec, application, fitted, estimate)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])

@@ -122,13 +122,30 @@ def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
         groups: dict[tuple[str, str | None, object], list[int]] = {}
         for one in error.problems:
             groups.setdefault((one.message, one.field, one.value), []).append(runs[(one.line or 1) - 1].run_id)
-        remedy = "campaign.toml was changed since: restore the name, or void these runs."
+        changed = "campaign.toml was changed since: restore the name, or void these runs."
+        told = changed, f"{changed} If the factor is new, ingest them again as exported, with its value filled in."
         raise RegionError(
             *(
-                Problem(f"{_run_list(np.array(ids))}: {message}", remedy, field=name, value=value)
+                Problem(f"{_run_list(np.array(ids))}: {message}", told[value is None], field=name, value=value)
                 for (message, name, value), ids in groups.items()
             )
         ) from None
+
+
+def former_factors(region: Region, runs: Sequence[RunRecord], data: ScoredRuns) -> list[str]:
+    """What to tell of settings in which the runs of a fit differ without a factor that accounts for it."""
+    used = set(data.run_ids.tolist())
+    found: dict[str, dict[str, None]] = {}
+    for run in runs:
+        for name in run.settings.keys() - set(region.names) if run.run_id in used else ():
+            value = run.settings[name]
+            found.setdefault(name, {})[value if isinstance(value, str) else f"{value:g}"] = None
+    return [
+        f"The runs differ in {name}, which is no longer a factor: {', '.join(list(values)[:LISTED_RUNS])}"
+        f"{', ...' if len(values) > LISTED_RUNS else ''}. What it does to the score counts as scatter."
+        for name, values in sorted(found.items())
+        if len(values) > 1
+    ]
 
 
 def n_determined(model: QuadraticModel, points: FloatArray, blocks: FloatArray | None = None) -> int:

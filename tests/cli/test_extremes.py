@@ -261,6 +261,41 @@ def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> N
         assert told.count("error:") == 1
 
 
+def test_runs_from_before_a_new_factor_are_kept_by_way_of_an_export(tmp_path) -> None:
+    """They held it fixed: once that is filled in, only runs that tell the new factor are missing."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
+    flown = fly(folder, bowl, 1)
+    edited(folder, APPLICATION, '[[factor]]\nname = "x2"\nlow = -1.0\nhigh = 1.0\n' + APPLICATION)
+    told = call("fit", folder, code=2).output
+    assert "x2: runs 1, 2, 3, 4, 5, 6, 7, 8, ...: a factor has no value" in told
+    assert "If the factor is new, ingest them again as exported, with its value filled in." in told
+    call("void", folder, *range(1, len(flown) + 1), "--why", "x2 was 0.5")
+    call("export", folder, folder / "all.csv")
+    with (folder / "all.csv").open(encoding="utf-8-sig", newline="") as stream:
+        rows = [row | {"x2": "0.5"} for row in csv.DictReader(stream)]
+    with (folder / "all.csv").open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    call("ingest", folder, folder / "all.csv", "--accept")
+    (folder / "form0.csv").unlink()
+    assert len(fly(folder, bowl, 1)) < 5
+    found = fitted(folder)
+    assert found["n_runs"] < len(flown) + 5
+    assert found["n_terms"] == 10
+
+
+def test_a_factor_that_is_left_out_is_told_where_runs_differ_in_it(tmp_path) -> None:
+    """Its effect is scatter from then on, which no other line of the results would say."""
+    folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 1)
+    assert not any("no longer a factor" in told for told in fitted(folder)["warnings"])
+    edited(folder, KIND, "")
+    said = "The runs differ in kind, which is no longer a factor: a, b. What it does to the score counts as scatter."
+    assert sorted(fitted(folder)["warnings"])[-1] == said
+    assert said in " ".join(call("fit", folder).output.split())
+
+
 def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> None:
     """The store holds numbers: 600 m would be taken for 600 km."""
     height = '[[factor]]\nname = "height"\nunit = "m"\nlow = 600\nhigh = 6000\nscale = "log"\n'
