@@ -80,12 +80,12 @@ class Fitted:
     def run_ratio(self) -> float:
         """Variance of a run where the ground was measured, near the optimum, over that by the scores of the region.
 
-        1 where the scores are not on their own scale, or their errors not normal.
+        1 where the scores are not on their own scale, their errors not normal, or no scatter was seen there.
         """
-        s = self.fit.s
-        if self.ground is None or self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0):
+        s, variance = self.fit.s, 0.0 if self.ground is None else self.ground.variance
+        if self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0 and variance > 0.0):
             return 1.0
-        return float(self.ground.variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
+        return float(variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
 
     @property
     def belief(self) -> Belief:

@@ -343,11 +343,12 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
     found = []
     if rule.half_width < ahead.noise_floor:
         found.append(
-            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor of "
-            f"± {amount(ahead.noise_floor, unit)}: more runs cannot narrow the {rule.interval_name} further. "
-            f"The mean of {rule.replicates} runs could be predicted to "
-            f"± {amount(ahead.attainable_mean_half_width, unit)}."
+            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor: no number of runs brings the "
+            f"{rule.interval_name} below ± {amount(ahead.noise_floor, unit)}."
         )
+        if rule.interval == "prediction":
+            mean = amount(ahead.attainable_mean_half_width, unit)
+            found.append(f"The mean of {rule.replicates} future runs could be predicted to ± {mean}.")
     elif (
         (ahead.runs_needed is None or ahead.runs_needed > rule.max_runs)
         and np.isfinite(ahead.attainable_half_width)

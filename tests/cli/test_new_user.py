@@ -56,6 +56,16 @@ def test_scores_that_are_all_alike_have_no_interval_and_no_parts_of_one(own) -> 
     assert "\u00b1\u00a0no" not in told
 
 
+def test_a_utility_of_ones_own_is_told_by_its_name(own) -> None:
+    """The question had "ice floes:f1 score". All grounds score alike here: no ratio of variances is made of that."""
+    folder = own("return 50.0 + image.radar.resolution_m")
+    (folder / "mine.py").rename(folder / "ice_floes.py")
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(text.replace("mine:score", "ice_floes:score"), encoding="utf-8")
+    told = call("run", folder, "--max-runs", 12, code=3)
+    assert "the highest score (ice_floes:score) for cover?" in told
+
+
 def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # found beside campaign.toml from anywhere
     folder = own("return float(len(image.radar.channels)) + 0.001 * run_id")

@@ -113,9 +113,6 @@ def test_target_below_the_noise_floor_is_told_with_what_can_be_had() -> None:
     assert decision.noise_floor == pytest.approx(1.959964 * 2.0, rel=1e-6)
     assert decision.runs_needed is None
     assert not decision.held
-    told = [line for line in decision.futility if "noise floor" in line]
-    assert "± 3.92 percent" in told[0]
-    assert "mean of 5 runs" in told[0]
     h = 1.0 / (1.0 / 0.2 + 0.4 * 30)
     assert decision.attainable_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + h))
     assert decision.attainable_mean_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(0.2 + h))
@@ -181,6 +178,20 @@ def test_budget_that_cannot_reach_the_target() -> None:
     assert decision.runs_needed is not None
     assert decision.runs_needed > 80
     assert any("too small for the target" in line and str(decision.runs_needed) in line for line in decision.futility)
+
+
+def test_a_target_below_the_noise_floor_is_told_with_what_the_mean_of_runs_would_give() -> None:
+    """Where the interval is of that mean already there is no such way out, and more runs do narrow it to the floor."""
+    floor = f"± {stats.norm.ppf(0.975) * 2.0:.3g} percent."
+    told = look(replace(RULE, half_width=3.0), unit="percent").futility
+    head = "The target of ± 3 percent is below the noise floor: no number of runs brings the prediction interval of"
+    assert told[0] == f"{head} one future run below {floor}"
+    assert told[1].startswith("The mean of 5 future runs could be predicted to ± ")
+    ground = replace(RULE, interval="prediction_mean", half_width=0.5, ground_share=0.5, counts_ground=True)
+    floor = f"± {stats.norm.ppf(0.975) * 2.0 * np.sqrt(0.5 + 0.5 / 5):.3g} percent."
+    assert look(ground, unit="percent").futility == (
+        f"{head.replace('3', '0.5')} the mean of 5 future runs below {floor}",
+    )
 
 
 def test_spent_budget_is_told() -> None:

@@ -140,8 +140,8 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
     aims = []
     for analysis in analyses:
         best = "highest" if analysis.goal == "maximize" else "lowest"
-        utility = readable(spec.application(analysis.application).utility)
-        what = "interpreters' rankings" if utility == "rank" else utility
+        utility = spec.application(analysis.application).utility
+        what = "interpreters' rankings" if utility == "rank" else utility if ":" in utility else readable(utility)
         aims.append(f"the {best} score ({what}) for {analysis.application}")
     considered = [readable(one.name) for one in spec.considerations] if len(analyses) == len(spec.applications) else []
     weighed = f", weighed against {listing(considered)}" if considered else ""
