@@ -15,6 +15,7 @@ from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
+from seqrsm.plain import counted
 from seqrsm.report.blocks import Section
 from seqrsm.report.rounding import decimals_for, format_against, format_number, format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
@@ -33,6 +34,7 @@ from seqrsm.report.wording import (
     with_unit,
 )
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import WAITING
 
 if TYPE_CHECKING:
     from seqrsm.campaign.campaign import Campaign
@@ -78,9 +80,10 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     show_sections([named(section, analysis) for section, analysis in measure if section is not None])
     line()
     if not outcome.held:
-        budget = spec.stop.max_runs
-        part = f", {outcome.n_scored} of the campaign's {budget} runs," if outcome.n_scored < budget else ""
-        line(f"The budget{part} was spent before the stop rule was met.")
+        used, budget, waiting = campaign.store.n_used(), spec.stop.max_runs, sum(run.state in WAITING for run in runs)
+        part = f", {used} of the campaign's {budget} runs," if used < budget else ""
+        unscored = f" {counted(waiting, 'issued run has', 'issued runs have')} no score yet." if waiting else ""
+        line(f"The budget{part} was spent before the stop rule was met.{unscored}")
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
     line(f"{outcome.n_scored} runs scored in total; time: {split}")
 

@@ -399,7 +399,8 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
             why = f"{_RUNS_PER_TERM} per term"
         elif needed > n_terms + _MIN_DF:
             why = f"{_RUNS_PER_TERM} for each of the {rule.acting_terms} terms in factors that matter"
-        text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why})."
+        more = f", more than the budget of {rule.max_runs} runs" if needed > rule.max_runs else ""
+        text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why}){more}."
         checks.append(Check("runs", n_runs >= needed, text))
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look, width, unit))
@@ -467,5 +468,5 @@ def _lack_of_fit_check(rule: StopRule, look: Look) -> Check:
     if isinstance(p, str):
         return Check("lack_of_fit", None, f"Lack of fit cannot be tested: {p}.")
     holds = p >= rule.alpha_lack_of_fit
-    verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
+    verdict = "not significant" if holds else "significant: the model does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")

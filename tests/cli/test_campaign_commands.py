@@ -325,6 +325,9 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     (analysis,) = campaign.analyse_all()
     assert campaign.store.events(kind=MEASURED)[-1].detail["settings"] == analysis.optimum.settings
     campaign.store.close()
+    assert seqrsm("propose", folder, "-n", 2, "--source", "flight").exit_code == 0
+    result = seqrsm("run", folder, "--max-runs", 19)
+    assert "The budget, 19 of the campaign's 40 runs, was spent before the stop rule was met. 2 issued" in result.stdout
 
 
 def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:

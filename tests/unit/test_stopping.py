@@ -60,7 +60,7 @@ def test_all_parts_hold_and_it_stops() -> None:
         ("runs", {"n_runs": 17, "n_terms": 6}, "18 are required (3 per term)"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
         ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
-        ("lack_of_fit", {"lack_of_fit": 0.04}, "significant: the quadratic does not describe this region (p = 0.04"),
+        ("lack_of_fit", {"lack_of_fit": 0.04}, "significant: the model does not describe this region (p = 0.04"),
     ],
 )
 def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
@@ -192,6 +192,14 @@ def test_a_target_below_the_noise_floor_is_told_with_what_the_mean_of_runs_would
     assert look(ground, unit="percent").futility == (
         f"{head.replace('3', '0.5')} the mean of 5 future runs below {floor}",
     )
+
+
+def test_a_budget_below_the_runs_that_the_rule_asks_for_is_told() -> None:
+    """However narrow the interval is: by the interval and the loss alone the campaign seemed to need 33 runs more."""
+    decision = look(replace(RULE, half_width=30.0, max_runs=60), n_runs=39, n_terms=36, df_residual=3)
+    assert decision.reasons == ("39 runs for 36 terms; 56 are required (20 degrees of freedom).",)
+    decision = look(replace(RULE, half_width=30.0, max_runs=55), n_runs=39, n_terms=36, df_residual=3)
+    assert decision.reasons[0].endswith("56 are required (20 degrees of freedom), more than the budget of 55 runs.")
 
 
 def test_spent_budget_is_told() -> None:
