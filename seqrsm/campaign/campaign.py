@@ -248,6 +248,9 @@ class Campaign:
             return start_batch(self.spec, model, own, failed=failed)
         if not analyses:
             waiting = [run for run in active if run.state in WAITING]
+            names = [one.name for one in self.spec.applications]
+            sets = ([run for run in active if run.state in WAITING or run.score_of(name)] for name in names)
+            active = min(sets, key=lambda made: n_determined(model, coded_settings(self.spec.region, made)))
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
                 return start_batch(self.spec, model, own, active, failed, n)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
@@ -285,8 +288,17 @@ class Campaign:
         finally:
             self.store.release()
         if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores
+            if earlier := self._without_a_score():
+                self._carry_out(earlier, workers, cluster, on_progress)
             self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
+
+    def _without_a_score(self) -> list[RunRecord]:
+        """Runs simulated here before an application was added: its score is of the same images, simulated again."""
+        names = {one.name for one in self.spec.applications} if self.spec.simulator else set()
+        runs = self.store.runs("scored", source="simulation")
+        own = (run for run in runs if not any(score.source_file for score in run.scores))
+        return [run for run in own if names - {score.application for score in run.scores}]
 
     def _measure_ground(self, workers: int, cluster: str | None) -> None:
         """Once, when there are scores enough to fit: simulate two occasions in each of some worlds.
@@ -453,7 +465,10 @@ class Campaign:
     def _carry_out(
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
     ) -> None:
-        """Simulate runs that this process holds; those that failed through no fault of theirs are issued again."""
+        """Simulate runs that this process holds; those that failed through no fault of theirs are issued again.
+
+        Or runs that are scored, for applications that they have no score of: the others stay.
+        """
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
         from seqrsm.simulate.runner import Lost, run_many
 
@@ -463,7 +478,11 @@ class Campaign:
         with heartbeat(self.store):
             for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
                 run = claimed[index]
-                if isinstance(result, Lost):
+                if run.state == "scored":
+                    late = () if isinstance(result, Lost) else result.scores
+                    new = [score for score in late if run.score_of(score.application) is None]
+                    self.store.record_scores(run.run_id, new)
+                elif isinstance(result, Lost):
                     self.store.fail(run.run_id, result.reason)
                 elif not result.failure:
                     self.store.record_scores(run.run_id, result.scores)

@@ -104,7 +104,7 @@ def start_batch(
     why = f"initial design: {n} runs for a model of {model.p} terms"
     if len(made) >= n:
         of_days = " beside the blocks: all of these on one more day"
-        beside = (of_days if spec.model.block else " for every application") * blocked
+        beside = (of_days if spec.model.block else " beside the difference between sources") * blocked
         why = f"the runs so far do not determine all {model.p} terms of the model{beside}"
     cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]

@@ -140,7 +140,8 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     look = application["last_look"]
     if look is None:
         heading(application["name"])
-        line(application.get("reason") or "no scored run yet", 2)
+        earlier = "; those of other applications may be scored for it, too" if result["runs"].get("scored") else ""
+        line(application.get("reason") or f"no scored run yet{earlier}", 2)
         return
     best, unit = look["optimum"], application["unit"]
     target, limit = application["target_half_width"], application["target_loss"]

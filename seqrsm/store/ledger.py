@@ -63,7 +63,7 @@ class Ledger:
         query = sa.select(RUNS.c.id, RUNS.c.state).where(RUNS.c.id.in_(ids)).order_by(RUNS.c.id)
         states = {row.id: row.state for row in self.connection.execute(query)}
         if missing := [run_id for run_id in ids if run_id not in states]:
-            remedy = "`seqrsm status` lists them."
+            remedy = "`seqrsm export` lists them."
             raise StoreError(*(Problem("there is no such run", remedy, field="run", value=i) for i in missing))
         return states
 

@@ -128,6 +128,26 @@ def test_an_application_may_go(begun) -> None:
     assert "for earlier runs" not in run(begun, "--max-runs", "20").output
 
 
+def test_a_new_application_scores_the_runs_that_there_are(begun) -> None:
+    """A run's images are those of its id: they are simulated once more, and no new initial design is needed."""
+    before = Campaign.open(begun).store.runs("scored")
+    both = '[[application]]\nname = "second"\nutility = "percent_correct"\nhalf_width = 30.0\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    done = RUNNER.invoke(app, ["simulate", str(begun), "--workers", "2"])
+    assert done.exit_code == 0, done.output
+    opened = Campaign.open(begun)
+    runs = opened.store.runs()
+    assert [run.run_id for run in runs] == [run.run_id for run in before]
+    for run in runs:
+        fresh = carry_out(task_of(opened.spec, run.run_id, run.settings)).scores
+        assert [(one.application, one.score) for one in run.scores] == [(one.application, one.score) for one in fresh]
+    late = [one.run_id for one in opened.store.events(kind="scored") if one.detail["application"] == "second"]
+    assert sorted(late) == [run.run_id for run in runs]
+    count = len(opened.store.events())
+    assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 0
+    assert len(opened.store.events()) == count
+
+
 def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
     (begun / "scene.npz").rename(begun / "away.npz")
     away = run(begun, "--max-runs", "17")
