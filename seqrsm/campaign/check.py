@@ -24,6 +24,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
+from seqrsm.campaign.experiment import see_experiment
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import bundle_tasks, carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
@@ -169,7 +170,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     Raises
     ------
     UserError
-        Everything that is wrong with the specification, or with the sensor at the corners of the region.
+        Everything that is wrong with the specification, or with the sensor at the corners of the region; or what runs
+        so far were simulated from has changed.
     """
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
@@ -444,6 +446,8 @@ def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
     if not Store.exists(spec.folder, spec.store_url):
         return analyses
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
+        if spec.simulator is not None:
+            see_experiment(store, spec, note=False)
         for one in spec.applications:
             with suppress(FitError):
                 (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)

@@ -50,10 +50,10 @@ def experiment_of(spec: CampaignSpec) -> dict[str, str]:
     return {key: value if isinstance(value, str) else json.dumps(plain(value)) for key, value in found.items()}
 
 
-def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) -> None:
+def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, note: bool = True) -> None:
     """Note what simulated scores rest on, where it is new or ``accept``; refuse what differs from before.
 
-    A new application, and a fixed parameter that has become a factor, are no change.
+    Without ``note`` nothing is written. A new application, and a fixed parameter that became a factor, are no change.
 
     Raises
     ------
@@ -75,11 +75,12 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) ->
     changed = sorted({key for key, _ in before.items() ^ now.items()} - apart)
     if told and changed and not accept and store.runs("scored", source="simulation"):
         raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
-    store.add_event(EXPERIMENT, {EXPERIMENT: now})
+    if note:
+        store.add_event(EXPERIMENT, {EXPERIMENT: now})
 
 
 def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
-    remedy = "Restore it, or start a new campaign; if it cannot change any score, add --accept."
+    remedy = "Restore it, or start a new campaign; if it cannot change any score, run with --accept."
     if key.startswith("file "):
         message = "the file differs from the one earlier runs were simulated from"
         if not before:
