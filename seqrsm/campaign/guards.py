@@ -23,6 +23,8 @@ from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
 from seqrsm.units import unit_factor, units_like
 
+_NO_REGION = 300.0
+"""Coded distance of runs at which nothing is learned of a region, and rounding shows."""
 FAR = 3.0
 """Coded distance from the centre beyond which a setting is far outside: the region's own width beyond its edge."""
 _ROUNDED_ENDS = 0.02
@@ -101,12 +103,13 @@ def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Ite
 
 
 def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Refuse a factor's unit that is not the one of the settings in the store, which are numbers.
+    """Refuse a unit that is not the one of the settings in the store, which are numbers, and a slip in a range.
 
     Raises
     ------
     SpecError
         Of the scored runs some lie outside the factor's range, and none would in another unit; or all, and few would.
+        Or some are so far away that rounding shows.
     """
     for factor in spec.factors:
         if isinstance(factor, CategoricalFactor):
@@ -126,6 +129,11 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
                 raise SpecError(
                     f"{message} settings were in {unit}", "Restore unit and range, or void the runs.", **place
                 )
+        placed = [value for value in values if value > 0.0 or factor.scale == "linear"]
+        if np.max(np.abs(factor.code(placed)), initial=0.0) > _NO_REGION:
+            message = f"scored runs lie hundreds of times the width of the range of '{factor.name}' outside it"
+            remedy = "Restore it, or void those runs."
+            raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME), field="range", value=span(factor))
 
 
 def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:

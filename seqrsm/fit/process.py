@@ -502,8 +502,10 @@ class Process:
         n, found = len(self._y), np.empty(len(theta))
         for some in _in_cache(len(theta), len(self._pairs)):
             h = self._hyper_of(theta[some])
-            V = self._of_scores(h, self._places_of_runs(h))
-            failed = np.array([dpotrf(each.T, overwrite_a=True, clean=False)[1] for each in V])
+            with np.errstate(over="ignore", invalid="ignore"):  # bent axes of runs far outside a narrowed region
+                V = self._of_scores(h, self._places_of_runs(h))
+            failed = np.array([dpotrf(each.T, overwrite_a=True, clean=False)[1] != 0 for each in V])
+            failed |= ~np.isfinite(V[:, n]).all(axis=1)
             scales = np.where(failed[:, None], 1.0, np.diagonal(V, axis1=1, axis2=2)[:, :n])
             sums = -np.sum(np.log(scales), axis=1) - 0.5 * np.sum(np.square(V[:, n, :n]), axis=1)
             found[some] = np.where(failed, -np.inf, sums + self._of_repeats(self._variances(h)))

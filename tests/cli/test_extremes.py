@@ -307,6 +307,21 @@ def test_the_start_design_of_a_new_application_is_of_its_own_scores(tmp_path) ->
     assert [one["application"] for one in fitted(folder)["applications"]] == ["score", "late"]
 
 
+def test_a_region_that_no_run_lies_in_is_reported(tmp_path) -> None:
+    """Narrowed between the runs, by a range or a constraint; figures without a run were divided by their number."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 2)
+    edited(folder, 'name = "x0"\nlow = -1.0\nhigh = 1.0', 'name = "x0"\nlow = 0.61\nhigh = 0.64')
+    edited(folder, APPLICATION, '[[constraint]]\nexpr = "x1 >= -0.4 and x1 <= -0.35"\n' + APPLICATION)
+    assert 0.61 <= fitted(folder)["optimum"]["settings"]["x0"] <= 0.64
+    call("report", folder, "--html", folder / "r.html")
+    assert "Runs outside the region" in (folder / "r.html").read_text(encoding="utf-8")
+    edited(folder, "high = 0.64", "high = 0.6100064")
+    for command in ("fit", "status", "propose"):
+        told = " ".join(call(command, folder, code=2).output.split())
+        assert "scored runs lie hundreds of times the width of the range of 'x0' outside it (got (0.61, 0.61" in told
+
+
 def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> None:
     """The store holds numbers: 600 m would be taken for 600 km."""
     height = '[[factor]]\nname = "height"\nunit = "m"\nlow = 600\nhigh = 6000\nscale = "log"\n'

@@ -92,7 +92,7 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
 
 def _sized(area: float, n: int, edge: float = 0.0) -> dict[str, Any]:
     """Size of ``n`` marks and width of their edges [pt2, pt]: many are smaller, or they hide what they lie on."""
-    share = min(1.0, _MANY / n)
+    share = min(1.0, _MANY / max(n, 1))  # none where the region was narrowed between the runs
     return {"s": max(area * share, 2.0), "linewidths": edge * share**0.5}
 
 
