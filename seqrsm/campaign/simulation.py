@@ -99,7 +99,17 @@ def acquisitions_of(
     if days and days[-1] - days[0] >= YEAR_DAYS:
         text = f"the dates span {days[-1] - days[0]:g} days, more than one year of crops"
         raise ConfigurationError(text, f"Give fewer dates or a shorter interval. {NEXT_YEAR}", field="first_day")
-    return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
+    return _with_angles([one for number, member in enumerate(found) for one in _of_member(number, member, days)])
+
+
+def _with_angles(made: Sequence[Acquisition]) -> tuple[Acquisition, ...]:
+    """With the incidence angles of the radars that look more steeply than each, and its own."""
+    own = [math.degrees(getattr(one.sensor, "centre_incidence_rad", math.nan)) for one in made]
+    steeper = [sorted({other for other in own if other < mine}) for mine in own]
+    return tuple(
+        replace(one, visit=replace(one.visit, angles_deg=(*others, mine))) if others else one
+        for one, mine, others in zip(made, own, steeper, strict=True)
+    )
 
 
 @lru_cache(maxsize=8)  # simulations of one setting in many worlds share them

@@ -46,9 +46,9 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     Parameters
     ----------
     images : sequence of RadarImage
-        Of one date; near frequencies see nearly the same of what fields differ by. Of several dates each is a case of
-        its own: a field's roughness lasts about as its moisture does, so that all dates together tell 0.03 of its
-        variance more at best, and less where the table has a date's mean wrong.
+        Of one date; near frequencies and angles see nearly the same of what fields differ by. Of several dates each is
+        a case of its own: a field's roughness lasts about as its moisture does, so that all dates together tell 0.03 of
+        its variance more at best, and less where the table has a date's mean wrong.
     scene : Scene
     seed, run_id : int
         As of `seqrsm.score.evidence.evidence_of`.
@@ -155,14 +155,15 @@ def _covariance(
 ) -> FloatArray:
     """Covariance (n, n_channels, n_channels) [dB2] of fields of one cover, ``kind`` (n,), on one date.
 
-    Over the channels of all images, which are related as the table has them and as their frequencies see the same of
-    fields and parts; with the variances of `_departures_db`.
+    Over the channels of all images, which are related as the table has them and as their frequencies and angles see
+    the same of fields and parts; with the variances of `_departures_db`.
     """
-    seen_by = [(image.radar.frequency_ghz, GROUND_OF[c]) for image in images for c in image.radar.recorded]
+    seen_by = [(image.radar, GROUND_OF[c]) for image in images for c in image.radar.recorded]
     shared = np.sqrt([look.channel_correlation for look in looks])
     same = np.array([[a == b for _, b in seen_by] for _, a in seen_by])
     related = np.where(same, 1.0, np.outer(shared, shared))
-    related *= [[related_fields(a, b) for b, _ in seen_by] for a, _ in seen_by]
+    looks_from = [(radar.frequency_ghz, math.degrees(radar.centre_incidence_rad)) for radar, _ in seen_by]
+    related *= [[related_fields(f, g, abs(a - b)) for g, b in looks_from] for f, a in looks_from]
     sd, part = np.stack([look.field_sd_db[kind] for look in looks]), np.sqrt(of_parts)
     both = np.einsum("cn,dn->ncd", sd, sd) + np.einsum("cn,dn->ncd", part, part)
     return np.asarray(related * both + np.einsum("cn,cd->ncd", of_speckle, np.eye(len(looks))))

@@ -2,13 +2,13 @@
 
 All sensors and dates of a run see one ground: the same fields, each with one lasting departure, one that fades with
 time, and one shift of its calendar; one series of soil moisture; one year. Drawn anew at every date, fields would make
-many dates look far too good.
+many dates look far too good. Radars at different incidence angles see fields the more differently the further apart.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,6 +30,14 @@ OWN_OF_FIELDS: Final = 0.1
 Without it two bands that see nearly the same fields would tell the least difference between covers by their own.
 """
 
+ANGLE_DEG: Final = 45.0
+"""Between incidence angles at which what a radar sees of fields is related by 1/e [deg].
+
+Of 500 fields in Argentina, Australia and Vietnam (Roßberg and Schmitt 2025, Remote Sens. Environ. 319, 114612), seen by
+two radars within four days, 0.022 a degree is lost, with a standard error of 0.006. The integral equation model says of
+bare soils of several roughnesses between 23 and 43 degrees 0 to 0.65 at C band and 0.9 at L band.
+"""
+
 _SLOW_SHARE, _SLOW_DAYS = 0.74, 30.0
 FAST_DAYS: Final = 4.5
 """In which the weather of a date falls to 1/e of itself [d]: what rain does to soil, and to plants (assumed)."""
@@ -49,11 +57,14 @@ class Visit:
         Place of this one among them.
     member : int
         Number of the sensor among those of the run.
+    angles_deg : tuple of float
+        Incidence angles of the run's radars up to this one's own, rising [deg]; empty: no other looks more steeply.
     """
 
     days: tuple[float, ...] = ()
     number: int = 0
     member: int = 0
+    angles_deg: tuple[float, ...] = ()
 
     @property
     def day(self) -> float | None:
@@ -90,13 +101,30 @@ def deviates(
 kept_deviates = cached_by_thread(maxsize=32)(deviates)
 
 
-def related_fields(one_ghz: float, other_ghz: float) -> float:
-    """Correlation of what two frequencies [GHz] see of fields and their parts in one channel on a date."""
-    return 1.0 if one_ghz == other_ghz else (1.0 - OWN_OF_FIELDS) * related_by_frequency(one_ghz, other_ghz)
+def related_fields(one_ghz: float, other_ghz: float, apart_deg: float = 0.0) -> float:
+    """Correlation of what two frequencies [GHz] see of fields and their parts in one channel on a date.
+
+    ``apart_deg``: between their incidence angles [deg].
+    """
+    by_angle = math.exp(-apart_deg / ANGLE_DEG)
+    same = one_ghz == other_ghz
+    return by_angle * (1.0 if same else (1.0 - OWN_OF_FIELDS) * related_by_frequency(one_ghz, other_ghz))
+
+
+def at_angle(visit: Visit, purpose: str, draw: Callable[[str], FloatArray]) -> FloatArray:
+    """What ``draw`` makes of a purpose's name for fields, as the radar of a visit sees it at its incidence angle.
+
+    Of the steepest radar of a run it is the draw of that name; from there each angle sees the last one's, `faded`.
+    """
+    names = [purpose, *(f"{purpose} angle {k}" for k in range(1, len(visit.angles_deg)))]
+    return faded([draw(name) for name in names], visit.angles_deg, np.array(ANGLE_DEG))
 
 
 def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
-    """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day."""
+    """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day.
+
+    Or by angles in place of days.
+    """
     state, *later = draws
     for gap, fresh in zip(np.diff(days), later, strict=True):
         left = np.exp(-gap / memory_days)

@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 from seqrsm.scattering.models import backscatter_ulaby89_db
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.layers import categories_of_fields
+from seqrsm.simulate.visits import ANGLE_DEG, related_fields
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
 import validate_flevoland
@@ -441,3 +443,24 @@ def test_channels_of_fields_are_correlated_as_in_the_flight() -> None:
     assert freedom == 57
     assert related.mean() == pytest.approx(TABLE.channel_correlation, abs=0.01)
     assert np.ptp(related) < 0.12  # one number for the three pairs
+
+
+def test_fields_are_related_by_angle_as_in_pairs_of_images() -> None:
+    """Correlations of real fields over what bands and channels say of them fall by the angle as told, within one error.
+
+    A least-squares rate of the exponential, each pair weighted by its fields; its error from how the pairs scatter.
+    """
+    rows, shared = data("field_angles.csv"), TABLE.channel_correlation
+    alike = [shared if {row["one"], row["other"]} == {"HH", "VV"} else 1.0 for row in rows]
+    bands = [related_fields(float(row["one_ghz"]), float(row["other_ghz"])) for row in rows]
+    told, (found, n, one, other) = (
+        np.multiply(alike, bands),
+        np.array([[float(row[key]) for key in ("correlation", "fields", "one_deg", "other_deg")] for row in rows]).T,
+    )
+    apart = np.abs(one - other)
+    weight = np.sqrt(n)
+    fit = scipy.optimize.least_squares(lambda rate: weight * (told * np.exp(-apart * rate[0]) - found), [0.01])
+    error = np.sqrt(2.0 * fit.cost / (len(rows) - 1) / np.square(fit.jac).sum())
+    assert fit.x[0] == pytest.approx(1.0 / ANGLE_DEG, abs=error)
+    assert fit.x[0] > 3.0 * error
+    assert error < 0.007

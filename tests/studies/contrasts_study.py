@@ -58,10 +58,16 @@ WORDS = [
     "- Relation of HH and VV. The source states no scores. The simulated ratio is a gain of 8 to 10 points where the",
     "  powers alone name 80 to 84 %, in place of the 92 % here.",
     "- X over C: inside in points, just outside as a ratio. Rows at X band are assumed.",
-    "- Low and high incidence count as inside, but what they gain is not simulated: a field departs from its cover by",
-    "  the same decibels at all angles, so that a second angle tells nothing more of its roughness.",
     "",
     "How much of the ground the optical map names correctly, 90 %, is assumed.",
+    "",
+    "## What a second incidence angle gains",
+    "",
+    "In 100 worlds 23 and 43 degrees take 0.0013 ± 0.0002 from the error of HH at 23 degrees alone, and 0.0027 ±",
+    "0.0002 from that of HH and HV. The source has 0.035 at best; where roughness is all that is unknown and shows the",
+    "more the higher the angle, two angles tell it apart, while here it departs by as many decibels at each. Of crops",
+    "on one day (valley, VV and HV) 45 degrees names 47.7 %, 25 and 45 degrees 61.1 %, two dates 12 days apart at 40",
+    "degrees 62.4 %; no published amount is at hand.",
 ]
 
 
@@ -115,6 +121,14 @@ def at(angle_deg: float) -> dict[str, float]:
     return {"depression_angle": 90.0 - angle_deg}
 
 
+def at_angles(polarization: str, *angles_deg: float, **more: Any) -> dict[str, Any]:
+    """Settings of a run of C band at several incidence angles."""
+    members = {f"at {angle:g}": {"frequency": "C", **at(angle)} for angle in angles_deg}
+    return on("+".join(members), polarization, members=members, **more)
+
+
+THREE, HIGH = (27.75, 34.20, 39.95), {"altitude_m": 60_000.0}
+
 # Settings by name; of several, the mean or, of "best", the highest score.
 SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "C, RH+RV, 1 July": (on("C", "RH+RV", "182"),),
@@ -141,7 +155,9 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "C, full": (on("C", FULL),),
     "C, HH, 23 deg": (on("C", "HH", **at(23.0)),),
     "C, HH+HV, 23 deg": (on("C", "HH+HV", **at(23.0)),),
-    "C, HH, 23 and 43 deg": (on("5.3+5.4", "HH", members={"5.3": at(23.0), "5.4": at(43.0)}),),
+    "C, HH, 23 and 43 deg": (at_angles("HH", 23.0, 43.0),),
+    "C, full, best of 28, 34 and 40 deg": tuple(at_angles(FULL, angle, **HIGH) for angle in THREE),
+    "C, full, 28, 34 and 40 deg": (at_angles(FULL, *THREE, **HIGH),),
     "L+S, HH": (on("L+S", "HH"),),
     "L+S, HH+HV+VV": (on("L+S", "HH+HV+VV"),),
 }
@@ -236,7 +252,7 @@ def page(found: list[dict[tuple[str, str], float]]) -> str:
         told, simulated = (ratio, odds) if np.isfinite(ratio).any() else (gain, one - other)
         least, most = np.quantile(simulated, [0.025, 0.975])
         inside.append(bool(told[0] <= most and told[1] >= least))
-        if gain[0] > 0.0 or gain[1] < 0.0 or gain[1] == 0.0 > gain[0]:
+        if gain[0] > 0.0 or gain[1] < 0.0 or (np.isinf(gain).any() and 0.0 in gain):
             right.append(bool(np.sign(np.median(one - other)) == np.sign(gain.sum())))
         if digits == 1:
             errors.append((one - other).std(ddof=1) / np.sqrt(len(one)))
@@ -307,7 +323,7 @@ def _span(ends: Pair, form: str) -> str:
     if np.isnan(low):
         return ""
     if not np.isfinite(ends).all():
-        return f"{high:{form}} or less" if np.isinf(low) or low == 0.0 < high else f"{low:{form}} or more"
+        return f"{high:{form}} or less" if np.isinf(low) else f"{low:{form}} or more"
     return format(low, form) if np.isclose(low, high) else f"{low:{form}} to {high:{form}}"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import DAYS, SHIPPED, _c_band_db, level_days, on_day
 from seqrsm.scattering.emissivity import load_emissivity_table
@@ -21,7 +22,15 @@ from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_occasion, look_up
-from seqrsm.simulate.visits import Visit, deviates, field_shift_days, half_lasting, moisture_share, year_shift_days
+from seqrsm.simulate.visits import (
+    Visit,
+    deviates,
+    field_shift_days,
+    half_lasting,
+    moisture_share,
+    related_fields,
+    year_shift_days,
+)
 
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 TABLE = load_sigma0_table()
@@ -211,6 +220,48 @@ def test_images_of_two_bands_see_that_tenth_apart(visit):
         for f in (5.4, 5.401)
     )
     assert np.var(one - other) == pytest.approx(0.2 * np.var(one), rel=0.05)
+
+
+def seen_at(incidences_deg, days="", frequencies=("5.4",) * 3, polarization="VV", n=40_000):
+    """What radars of one run see of fields of grass, whose calendars are the same."""
+    names = [f"{name} {k}" for k, name in enumerate(frequencies)][: len(incidences_deg)]
+    members = {
+        name: {"frequency": frequency, "depression_angle": 90.0 - angle}
+        for name, frequency, angle in zip(names, frequencies, incidences_deg, strict=False)
+    }
+    fixed = {"polarization": polarization, "resolution": 20.0, "bandwidth": 50.0, "peak_power": 1.0, "earth": "flat"}
+    settings = {"frequency": "+".join(names), **({"days": days} if days else {})}
+    fields, found = np.zeros(n, dtype=np.uint8), []
+    for made in acquisitions_of("psm", settings, {**fixed, "altitude_m": 6000.0}, members):
+        looked = [at(made.visit.day, frequency=made.sensor.frequency_ghz, categories=("Grass",))]
+        met = draw_occasion(made.sensor, looked, fields, (0.2, 5.0), made.visit, seed=1, run_id=2)
+        found.append(met.field_offset_db[0])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("days", ["", "150", "150+156"])
+def test_radars_see_fields_the_more_differently_the_further_their_angles_are_apart(days):
+    """By exp(-apart / 45), in whatever order they are named; the steepest as if it were alone."""
+    angles = (43.0, 23.0, 35.0)
+    found = seen_at(angles, days)[:: len(days.split("+"))]
+    apart = np.abs(np.subtract.outer(angles, angles))
+    np.testing.assert_allclose(np.corrcoef(found), np.exp(-apart / 45.0), atol=0.02)
+    np.testing.assert_allclose(found.std(axis=1), found[0].std(), rtol=0.02)
+    np.testing.assert_array_equal(found[1], seen_at((23.0,), days)[0])
+
+
+def test_angles_and_bands_relate_what_is_seen_together():
+    for bands, apart in ((("5.4", "9.6"), 20.0), (("1.25", "5.4"), 10.0), (("5.4", "5.4"), 0.0)):
+        found = np.corrcoef(seen_at((25.0, 25.0 + apart), frequencies=bands))[0, 1]
+        told = related_fields(*map(float, bands), apart)
+        assert found == pytest.approx(told, abs=0.02)
+        assert told == pytest.approx(related_fields(*map(float, bands)) * np.exp(-apart / 45.0))
+
+
+def test_a_field_keeps_at_two_angles_what_it_is_over_dates():
+    """What lasts and what fades are related by the angle alike: of six days and twenty degrees the product is left."""
+    found = np.corrcoef(seen_at((23.0, 43.0), "150+156"))
+    assert found[0, 3] == pytest.approx(found[0, 1] * np.exp(-20.0 / 45.0), abs=0.02)
 
 
 def test_soil_moisture_of_days_is_uniform_and_remembers():

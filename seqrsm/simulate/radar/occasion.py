@@ -12,7 +12,7 @@ each field is cut into drawn pieces, and each piece departs from its field.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
@@ -34,6 +34,7 @@ from seqrsm.simulate.visits import (
     FAST_DAYS,
     OWN_OF_FIELDS,
     Visit,
+    at_angle,
     faded,
     field_moisture,
     field_shift_days,
@@ -113,7 +114,7 @@ def draw_occasion(
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
     channels share the part of the variance that the table gives as their correlation. A channel's draw does not depend
-    on which other channels there are, on sensors of the same dates, or on later dates.
+    on which other channels there are, on sensors of the same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
@@ -141,10 +142,10 @@ def draw_occasion(
     field_offset = np.zeros((len(lookups), len(field_category)))
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
     for c, channel, lookup in _recorded(radar, lookups):
-        draw = _Draws(seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
+        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
         if visit.day is None or lookup.course is None:
             class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
-            deviation = lookup.field_sd_db[category] * draw("field backscatter", category.size, OWN_OF_FIELDS)
+            deviation = lookup.field_sd_db[category] * draw.of_fields("field backscatter", category.size)
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
         field_offset[c] = np.where(known, deviation, 0.0)
@@ -159,13 +160,18 @@ def _recorded(radar: RadarConfiguration, lookups: Sequence[Sigma0Lookup]) -> lis
 
 @dataclass(frozen=True, slots=True)
 class _Draws:
-    """Standard normal draws of one channel of a run."""
+    """Standard normal draws of one channel on a visit."""
 
+    visit: Visit
     seed: int
     run_id: int
     frequency_ghz: float
     channel: str
     shared: float
+
+    def of_fields(self, purpose: str, n: int) -> FloatArray:
+        """As the visit's angle sees them, a share for the frequency's own."""
+        return at_angle(self.visit, purpose, lambda name: self(name, n, OWN_OF_FIELDS))
 
     def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
         shape = 1 + len(POLARIZATIONS), n
@@ -185,17 +191,17 @@ def _dated(
     now = on_day(course.change_db, day)
     past = visit.days[: visit.number + 1]
 
-    def faded_to(purpose: str, memory_days: FloatArray, own_share: float = 0.0) -> FloatArray:
+    def faded_to(purpose: str, memory_days: FloatArray, drawn: Callable[[str, int], FloatArray] = draw) -> FloatArray:
         dates = [Visit(visit.days, t).dated(purpose) for t in range(len(past))]
-        return faded([draw(date, memory_days.size, own_share) for date in dates], past, memory_days)
+        return faded([drawn(date, memory_days.size) for date in dates], past, memory_days)
 
     own = faded_to("date backscatter", np.full(n, FAST_DAYS))
     common = faded_to("weather", np.array([FAST_DAYS]))
     weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
-    lasts = draw("lasting backscatter", category.size, OWN_OF_FIELDS)
-    fades = faded_to("field backscatter", course.memory_days[category], OWN_OF_FIELDS)
+    lasts = draw.of_fields("lasting backscatter", category.size)
+    fades = faded_to("field backscatter", course.memory_days[category], draw.of_fields)
     spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
@@ -261,7 +267,9 @@ def met_occasion(
         # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
         own_place = [(c, 1 + POLARIZATIONS.index(GROUND_OF[name]), own) for c, name, own in _recorded(radar, lookups)]
         parts = 1 + max(place for _, place, _ in own_place)
-        draws = _kept(visit, "texture", (parts, len(parent)), radar.frequency_ghz, **key)
+        draws = at_angle(
+            visit, "texture", lambda own: _kept(visit, own, (parts, len(parent)), radar.frequency_ghz, **key)
+        )
         offset = offset[:, parent]
         for c, place, lookup in own_place:
             shared = float(np.mean(lookup.channel_correlation))
@@ -270,7 +278,9 @@ def met_occasion(
     if PHASE not in radar.channels:
         return met
     related = _related(radar.frequency_ghz, table, lookups[radar.layers.index("HH")], visit.day)
-    departure = _kept(visit, "coherence", (2, len(category)), radar.frequency_ghz, **key)
+    departure = at_angle(
+        visit, "coherence", lambda own: _kept(visit, own, (2, len(category)), radar.frequency_ghz, **key)
+    )
     mean = related.mean[np.where(category < len(scene.categories), category, 0)]
     of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
     return _added(radar, lookups, met, related, category[parent], of_fields[parent])
