@@ -94,6 +94,25 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
     assert np.std(found) > 0.03
 
 
+def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
+    """Emissivities of covers depart with the weather, which falls to 1/e in 4.5 days, as backscatter does."""
+    days, n = (120.0, 121.0, 130.0), 4000
+    looked = load_emissivity_table().lookup(("Grass",) * n, 10.7, "H")
+    sensor = prm_cases.radiometer(frequency_ghz=10.7)
+
+    def met(*days):
+        visits = [Visit(days, t) for t in range(len(days))]
+        return np.array(
+            [draw_radiometer_occasion(sensor, [looked], SCENE, v, seed=1, run_id=2).class_offset[0] for v in visits]
+        )
+
+    found = met(*days)
+    apart = np.abs(np.subtract.outer(days, days))
+    np.testing.assert_allclose(np.corrcoef(found), np.exp(-apart / 4.5), atol=0.05)
+    np.testing.assert_allclose(found.std(axis=1), looked.date_sd[0], rtol=0.05)
+    np.testing.assert_array_equal(met(days[0]), found[:1])
+
+
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
     """Moments, shrinking and law written out by numpy and scipy."""
     images = dates(3)

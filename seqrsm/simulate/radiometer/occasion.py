@@ -14,7 +14,16 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
-from seqrsm.simulate.visits import Visit, deviates, field_moisture, half_lasting, known_moisture, moisture_share
+from seqrsm.simulate.visits import (
+    FAST_DAYS,
+    Visit,
+    faded,
+    field_moisture,
+    half_lasting,
+    kept_deviates,
+    known_moisture,
+    moisture_share,
+)
 
 MOISTURE_LIMITS: Final = (float(MOISTURE_NODES[0]), float(MOISTURE_NODES[-1]))
 """Moistures that the table of emissivity knows [m3/m3]."""
@@ -74,8 +83,8 @@ def draw_radiometer_occasion(
     """Draw the ground's state of one visit, of campaign and run; there is a lookup for each channel.
 
     Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
-    gives as their correlation, and a channel's draw does not depend on which others are received. Moistures stay
-    between the table's ends.
+    gives as their correlation, and a channel's draw does not depend on which others are received. What covers depart by
+    on a date fades with its weather. Moistures stay between the table's ends.
     """
     field_category = categories_of_fields(scene)
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
@@ -88,7 +97,10 @@ def draw_radiometer_occasion(
     moisture = field_moisture(scene, radiometer, mean, visit, MOISTURE_LIMITS, **key)
     temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
-    dates = deviates(seed, run_id, visit.dated("date emissivity"), (parts, n_categories), f)
+    past = visit.days[: visit.number + 1] or (0.0,)
+    names = [Visit(past, t).dated("date emissivity") for t in range(len(past))]
+    drawn = [kept_deviates(seed, run_id, name, (parts, n_categories), f) for name in names]
+    dates = faded(drawn, past, np.array(FAST_DAYS))
     plots = half_lasting(visit, "field emissivity", (parts, n_fields), f, **key)
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
