@@ -117,10 +117,18 @@ def at_angle(visit: Visit, purpose: str, draw: Callable[[str], FloatArray]) -> F
     Of the steepest radar of a run it is the draw of that name; from there each angle sees the last one's, `faded`.
     """
     names = [purpose, *(f"{purpose} angle {k}" for k in range(1, len(visit.angles_deg)))]
-    return faded([draw(name) for name in names], visit.angles_deg, np.array(ANGLE_DEG))
+    return faded([draw(name) for name in names], visit.angles_deg, ANGLE_DEG)
 
 
-def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
+def over_dates(
+    visit: Visit, purpose: str, draw: Callable[[str], FloatArray], memory_days: float | FloatArray
+) -> FloatArray:
+    """What ``draw`` makes of a purpose's name on a visit, `faded` over the dates up to it; without a day the first."""
+    past = visit.days[: visit.number + 1] or (0.0,)
+    return faded([draw(Visit(past, t).dated(purpose)) for t in range(len(past))], past, memory_days)
+
+
+def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: float | FloatArray) -> FloatArray:
     """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day.
 
     Or by angles in place of days.

@@ -12,7 +12,7 @@ each field is cut into drawn pieces, and each piece departs from its field.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
@@ -35,12 +35,12 @@ from seqrsm.simulate.visits import (
     OWN_OF_FIELDS,
     Visit,
     at_angle,
-    faded,
     field_moisture,
     field_shift_days,
     half_lasting,
     kept_deviates,
     moisture_share,
+    over_dates,
     year_shift_days,
 )
 from seqrsm.units import db_to_linear, linear_to_db
@@ -189,19 +189,15 @@ def _dated(
     late = np.where(course.even, 0.0, year_shift_days(n, **key))
     moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
     now = on_day(course.change_db, day)
-    past = visit.days[: visit.number + 1]
-
-    def faded_to(purpose: str, memory_days: FloatArray, drawn: Callable[[str, int], FloatArray] = draw) -> FloatArray:
-        dates = [Visit(visit.days, t).dated(purpose) for t in range(len(past))]
-        return faded([drawn(date, memory_days.size) for date in dates], past, memory_days)
-
-    own = faded_to("date backscatter", np.full(n, FAST_DAYS))
-    common = faded_to("weather", np.array([FAST_DAYS]))
+    own = over_dates(visit, "date backscatter", lambda name: draw(name, n), FAST_DAYS)
+    common = over_dates(visit, "weather", lambda name: draw(name, 1), FAST_DAYS)
     weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
-    fades = faded_to("field backscatter", course.memory_days[category], draw.of_fields)
+    fades = over_dates(
+        visit, "field backscatter", lambda name: draw.of_fields(name, category.size), course.memory_days[category]
+    )
     spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -17,12 +18,12 @@ from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.simulate.visits import (
     FAST_DAYS,
     Visit,
-    faded,
     field_moisture,
     half_lasting,
     kept_deviates,
     known_moisture,
     moisture_share,
+    over_dates,
 )
 
 MOISTURE_LIMITS: Final = (float(MOISTURE_NODES[0]), float(MOISTURE_NODES[-1]))
@@ -97,10 +98,8 @@ def draw_radiometer_occasion(
     moisture = field_moisture(scene, radiometer, mean, visit, MOISTURE_LIMITS, **key)
     temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
-    past = visit.days[: visit.number + 1] or (0.0,)
-    names = [Visit(past, t).dated("date emissivity") for t in range(len(past))]
-    drawn = [kept_deviates(seed, run_id, name, (parts, n_categories), f) for name in names]
-    dates = faded(drawn, past, np.array(FAST_DAYS))
+    by_name = partial(kept_deviates, seed, run_id, shape=(parts, n_categories), frequency_ghz=f)
+    dates = over_dates(visit, "date emissivity", by_name, FAST_DAYS)
     plots = half_lasting(visit, "field emissivity", (parts, n_fields), f, **key)
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
