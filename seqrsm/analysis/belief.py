@@ -13,19 +13,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
+from seqrsm.analysis.ground import Ground
+from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import where_reached
 from seqrsm.fit.error_models import Draws, ErrorModel
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction, t_quantile
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import RADII, climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
+from seqrsm.spec.tables import ApplicationSpec
 
 STATED = "a prior is given for the quadratic"
 """Why no process is weighed."""
@@ -34,7 +39,7 @@ PRIOR_LOG_ODDS = 0.0
 
 _CERTAIN = 0.01  # a process less probable is left out
 _DRAWS, _TINY = 4000, 1e-300
-_PAIRS, _OF_SCATTER, _OF_LARGEST = 32, 0.5, 0.1  # of `Belief.acting_terms`
+_PAIRS, _OF_SCATTER, _OF_LARGEST = 32, 0.5, 0.1  # of `Fitted.acting_terms`
 _MOST_RUNS = 100  # drawn of a mean of future runs
 
 
@@ -104,25 +109,57 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
-    """The two surfaces on the scale of the fit, by their probabilities.
+class Fitted:
+    """A fitted surface with what it was fitted to, and what is believed of it: both surfaces by their probabilities.
 
     Attributes
     ----------
+    application : ApplicationSpec
+    region, model : Region, QuadraticModel
+        The campaign's region, and the terms that are fitted over it.
+    data : ScoredRuns
+    scale : ResponseScale
+    fit : LeastSquaresFit
+        With blocks and sources as constants: what tests and diagnostics are made of.
     surface : Surface
-        The quadratic's.
+        What the optimum is sought on: that of ``fit``, of the flight where there are two sources, or of the average
+        block where blocks are random.
     departure : Departure
-    region : Region
-    goal : "maximize" or "minimize"
-    run_ratio : float
-        Variance of a future run over what the scores alone say of it, see `Fitted.run_ratio`.
+        What the scores say of a surface that is no quadratic.
+    ground : Ground or None
+        What part of the scatter is one ground against another, where it was measured.
     """
 
+    application: ApplicationSpec
+    region: Region
+    model: QuadraticModel
+    data: ScoredRuns
+    scale: ResponseScale
+    fit: LeastSquaresFit
     surface: Surface
     departure: Departure
-    region: Region
-    goal: Goal
-    run_ratio: float = 1.0
+    ground: Ground | None = None
+
+    @property
+    def goal(self) -> Goal:
+        """Of the application."""
+        return self.application.goal
+
+    @property
+    def ground_share(self) -> float:
+        """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
+        return 0.0 if self.ground is None else self.ground.share
+
+    @property
+    def run_ratio(self) -> float:
+        """Variance of a run where the ground was measured, near the optimum, over that by the scores of the region.
+
+        1 where the scores are not on their own scale, their errors not normal, or no scatter was seen there.
+        """
+        s, variance = self.fit.s, 0.0 if self.ground is None else self.ground.variance
+        if self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0 and variance > 0.0):
+            return 1.0
+        return float(variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
@@ -241,7 +278,7 @@ class Belief:
     def sd_of_run(self, point: FloatArray, reach: float = 1.0) -> float:
         """Standard deviation of a future run at a coded point (k,) in score units, from so many to either side."""
         half = reach * self.scatter(point)[0]
-        low, high = self.surface.scale.to_score(self.mean(point[None, :]), scatter=np.array([-half, half]))
+        low, high = self.scale.to_score(self.mean(point[None, :]), scatter=np.array([-half, half]))
         return float(high - low) / (2.0 * reach)
 
     def optima(
@@ -270,7 +307,7 @@ def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> 
 
 
 def intervals(
-    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, replicates: Sequence[float], taken_off: float
+    fitted: Fitted, point: FloatArray, level: float, replicates: Sequence[float], taken_off: float
 ) -> tuple[float, tuple[Interval, ...]]:
     """Mean, its interval, and intervals of the mean of so many future runs each, at coded settings (k,), score units.
 
@@ -280,16 +317,19 @@ def intervals(
     Where errors are not normal, see `intervals_by_draws`.
     """
     at = point[None, :]
-    weight = float(scale.weight_at(belief.surface.predict(belief.surface.rows(at)).mean)[0])
-    bands = {m: belief.bands(at, level, weight, m) for m in dict.fromkeys(replicates)}
+    weight = float(fitted.scale.weight_at(fitted.surface.predict(fitted.surface.rows(at)).mean)[0])
+    bands = {m: fitted.bands(at, level, weight, m) for m in dict.fromkeys(replicates)}
     first = bands[replicates[0]]
     plain = (first.confidence, *(bands[m].prediction for m in replicates))
     of_mean, *wide = (Interval(float(one.low[0]), float(one.high[0])).also_less(taken_off) for one in plain)
-    ends = [scale.of_runs(of_mean, one, m) for one, m in zip(wide, replicates, strict=True)]
-    found = [scale.in_scores(of_mean.low, of_mean.high), *(Interval(float(low), float(high)) for low, high in ends)]
+    ends = [fitted.scale.of_runs(of_mean, one, m) for one, m in zip(wide, replicates, strict=True)]
+    found = [
+        fitted.scale.in_scores(of_mean.low, of_mean.high),
+        *(Interval(float(low), float(high)) for low, high in ends),
+    ]
     # Counts that scatter less than counts can: what single runs may score would not hold the mean, see `to_score`.
     held = tuple(one.around(found[0]) for one in found)
-    return float(scale.to_score(first.mean - taken_off)[0]), held
+    return float(fitted.scale.to_score(first.mean - taken_off)[0]), held
 
 
 def _mixture_quantile(
@@ -312,8 +352,7 @@ def _mixture_quantile(
 
 
 def intervals_by_draws(
-    belief: Belief,
-    scale: ResponseScale,
+    fitted: Fitted,
     point: FloatArray,
     level: float,
     replicates: Sequence[float],
@@ -325,16 +364,17 @@ def intervals_by_draws(
 
     These are quantiles of posterior draws; ``replicates`` are rounded.
     """
-    errors, process, share = belief.surface.errors, belief.departure.believed, belief.departure.probability
-    row = belief.surface.rows(point[None, :])
-    draws = replace(draws, sigma=math.sqrt(belief.run_ratio) * draws.sigma)
-    mean = (1.0 - share) * float(belief.surface.predict(row).mean[0])
+    errors, scale, departure = fitted.surface.errors, fitted.scale, fitted.departure
+    process, share = departure.believed, departure.probability
+    row = fitted.surface.rows(point[None, :])
+    draws = replace(draws, sigma=math.sqrt(fitted.run_ratio) * draws.sigma)
+    mean = (1.0 - share) * float(fitted.surface.predict(row).mean[0])
     parts = [(draws.terms @ row[0], draws, 1.0 - share)]
     if process is not None:
         found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise, common = belief.run_ratio * process.noise_variance, process.common_variance
+        noise, common = fitted.run_ratio * process.noise_variance, process.common_variance
         own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))

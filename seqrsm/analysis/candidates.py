@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from seqrsm.analysis.belief import Belief, mixed_quantiles
+from seqrsm.analysis.belief import mixed_quantiles
 from seqrsm.analysis.ground import future_sd
-from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import joint_draws
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.fit.conjugate import where_reached
@@ -119,41 +120,26 @@ def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
 
 
 def by_surface(
-    belief: Belief,
-    scale: ResponseScale,
-    points: FloatArray,
-    terms: FloatArray,
-    rule: Sufficing,
-    level: float,
-    sds: tuple[float, float],
-    optimism: float,
-    limits: tuple[float, float],
-    rng: np.random.Generator,
+    analysis: Analysis, points: FloatArray, rule: Sufficing, sds: tuple[float, float], rng: np.random.Generator
 ) -> Comparison:
     """Compare two settings of the region by what is believed of the surface.
 
     Parameters
     ----------
-    belief, scale
-        Of the analysis.
+    analysis : Analysis
     points : ndarray (2, k)
         The sensor's and the optimum's settings, coded.
-    terms : ndarray (m, p)
-        Draws of the quadratic's coefficients.
-    rule, level
-        As in `compared`.
+    rule : Sufficing
     sds : tuple of float
         Of a future difference, and of a future score, over one ground about the surface, see `future_sd`.
-    optimism : float
-        Of the optimum's mean, score units, see `OptimumEstimate`.
-    limits : tuple of float
-        Ends that no score can leave.
     rng : Generator
     """
-    mean = scale.to_score(belief.mean(points))
+    fitted, optimism, level = analysis.fitted, analysis.optimum.optimism, analysis.optimum.level
+    scale, limits = fitted.scale, fitted.application.score_limits
+    mean = scale.to_score(fitted.mean(points))
     above = rule.sign * max(rule.sign * (mean[0] - mean[1] + optimism), 0.0)  # as chosen as the optimum, see `Step`
     less = np.array([above, optimism])
-    drawn = joint_draws(belief, points, terms, rng)
+    drawn = joint_draws(fitted, points, analysis.posterior.term_draws, rng)
     parts = [(np.clip(scale.to_score(one) - less, *limits), share) for one, share in drawn]
     gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
     futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]

@@ -190,7 +190,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
-    scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
+    scale, fitted, departure = analysis.scale, analysis.fitted, analysis.fitted.departure
     # Keyed by the application, or those of equal designs would have equal draws and err alike.
     rng, limits = generator(spec.seed, analysis.fit.n_runs, f"compromise: {table.name}"), table.score_limits
     some = rng.permutation(analysis.posterior.term_draws)[:DRAWS]
@@ -208,7 +208,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         table.name,
         table.goal,
         table.weight,
-        lambda points: scale.to_score(belief.mean(points)),
+        lambda points: scale.to_score(fitted.mean(points)),
         drawn,
         table.unacceptable,
         table.ideal,

@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
-from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
+from seqrsm.analysis.belief import Fitted, intervals, intervals_by_draws
+from seqrsm.analysis.fitted import confirmation_reason, fit_application
 from seqrsm.analysis.gap import largest_gap
-from seqrsm.analysis.ground import Ground, sds_of_levels
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients, effects_left_out, summarise_posterior
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import NO_BLOCK, block_labels, evidence, former_factors
 from seqrsm.analysis.scale import Interval
-from seqrsm.analysis.steps import Step, steps_of
+from seqrsm.analysis.steps import steps_of
 from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
@@ -27,7 +27,7 @@ from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_sha
 from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.intervals import LackOfFit, known, t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs, known_scatter
-from seqrsm.fit.optimum import Goal, Optimum, optimum, sign_of
+from seqrsm.fit.optimum import Optimum, optimum, sign_of
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
@@ -63,11 +63,10 @@ def as_found(rule: StopRule, fitted: Fitted, point: FloatArray) -> StopRule:
 
     That is common to future runs as a ground is.
     """
-    belief = fitted.belief
-    rule = replace(rule, acting_terms=belief.acting_terms())
-    if not belief.common_sd or rule.interval == "confidence":  # which is of the average block
+    rule = replace(rule, acting_terms=fitted.acting_terms())
+    if not fitted.common_sd or rule.interval == "confidence":  # which is of the average block
         return rule
-    return replace(rule, ground_share=(belief.common_sd / belief.scatter(point)[0]) ** 2, counts_ground=True)
+    return replace(rule, ground_share=(fitted.common_sd / fitted.scatter(point)[0]) ** 2, counts_ground=True)
 
 
 def analyse(
@@ -108,20 +107,18 @@ def analyse(
     ConvergenceError
         emcee did not converge.
     """
-    goal: Goal = application.goal
     fitted = fit_application(spec, application, runs, ground)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
-    of_quadratic = optimum(model, region, beta, goal)
+    of_quadratic = optimum(model, region, beta, fitted.goal)
     draws = alone = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
     if application.prior is not None:  # the recommended settings and the score there rest on the scores alone
         silent = replace(fitted, application=application.model_copy(update={"prior": None}))
         alone = draw_coefficients(spec, silent, sampler="exact", n_draws=n_draws)
-    belief = fitted.belief
-    best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
+    best = fitted.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
-    taken_off = optimism(belief, best.point, rng)
-    estimate = _possible(_estimate(spec, fitted, belief, best, alone, taken_off), *application.score_limits)
-    confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
+    taken_off = optimism(fitted, best.point, rng)
+    estimate = _possible(_estimate(spec, fitted, best, alone, taken_off), *application.score_limits)
+    confirmation, agreement = _confirmation(spec, fitted, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
     looked = draws
@@ -129,11 +126,11 @@ def analyse(
         looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
     posterior = summarise_posterior(spec, fitted, estimate, draws, looked, taken_off)
     loss = posterior.expected_regret
-    decision = _decision(spec, application, fitted, belief, estimate, loss, alone, agreement, known_map)
+    decision = _decision(spec, fitted, estimate, loss, alone, agreement, known_map)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
-        goal=goal,
+        goal=fitted.goal,
         score_unit=application.score_unit,
         fitted=fitted,
         importance=tuple(_importance(model, fitted.fit, beta)),
@@ -145,15 +142,15 @@ def analyse(
         confirmation=confirmation,
         known_map=known_map,
         warnings=(
-            *_warnings(spec, application, fitted, best),
+            *_warnings(spec, fitted, best),
             *effects_left_out(application, posterior),
             *former_factors(region, runs, fitted.data),
         ),
         notes=tuple(
-            _notes(spec, application, fitted, estimate)
+            _notes(spec, fitted, estimate)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
-        steps=_steps(spec, fitted, belief, estimate, alone, ranked) if thorough and fitted.surface.s > 0.0 else (),
+        steps=steps_of(fitted, estimate, alone, ranked, spec.seed) if thorough and fitted.surface.s > 0.0 else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         gap=largest_gap(region, fitted.data.points) if thorough else None,
@@ -161,31 +158,15 @@ def analyse(
     )
 
 
-def _steps(
-    spec: CampaignSpec,
-    fitted: Fitted,
-    belief: Belief,
-    estimate: OptimumEstimate,
-    draws: Draws,
-    ranked: Sequence[EventRecord],
-) -> tuple[Step, ...]:
-    rng = generator(spec.seed, fitted.fit.n_runs, "steps")
-    here = sds_of_levels(ranked, fitted.application.name, estimate.settings)
-    limits, level = fitted.application.score_limits, spec.stop.level
-    return steps_of(belief, fitted.scale, limits, estimate.point, estimate.optimism, level, draws, here, rng)
-
-
-def _estimate(
-    spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws, taken_off: float
-) -> OptimumEstimate:
+def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws, taken_off: float) -> OptimumEstimate:
     stop, scale, share = spec.stop, fitted.scale, fitted.ground_share
     whole, chance = (replace(stop_rule(stop, share), counts_ground=counts) for counts in (True, False))
     asked = (1.0, whole.replicates_of("prediction_mean"), whole.replicates_of(), chance.replicates_of())
     if fitted.surface.errors.exact:
-        mean, found = intervals(belief, scale, best.point, stop.level, asked, taken_off)
+        mean, found = intervals(fitted, best.point, stop.level, asked, taken_off)
     else:
         rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, taken_off, draws, rng)
+        mean, found = intervals_by_draws(fitted, best.point, stop.level, asked, taken_off, draws, rng)
     if fitted.surface.s == 0.0:  # no scatter was seen, which is not to say that there is none
         found = (Interval(math.nan, math.nan),) * len(found)
     if share == 0.0:  # one of these: draws are rounded to whole runs, and no end of runs on a new day is a mean
@@ -197,7 +178,7 @@ def _estimate(
         at_bound=best.at_bound,
         active_constraints=best.active_constraints,
         mean=mean,
-        optimism=float(scale.to_score(belief.mean(best.point[None, :]))[0]) - mean if taken_off else 0.0,
+        optimism=float(scale.to_score(fitted.mean(best.point[None, :]))[0]) - mean if taken_off else 0.0,
         confidence=found[0],
         prediction=found[1],
         prediction_mean=found[2],
@@ -249,22 +230,21 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
 
 def _decision(
     spec: CampaignSpec,
-    application: ApplicationSpec,
     fitted: Fitted,
-    belief: Belief,
     estimate: OptimumEstimate,
     loss: float,
     draws: Draws,
     agreement: Agreement | None,
     known_map: bool,
 ) -> Decision:
+    application = fitted.application
     rule = as_found(stop_rule(spec.stop_of(application.name), fitted.ground_share), fitted, estimate.point)
     fit, surface = fitted.fit, fitted.surface
-    _, h = belief.scatter(estimate.point)
+    _, h = fitted.scatter(estimate.point)
     reach = float(t_quantile(np.inf, rule.level))
-    of_run = belief.sd_of_run(estimate.point, reach)
+    of_run = fitted.sd_of_run(estimate.point, reach)
     if surface.errors.of_counts:  # which near 100 % scatter less to either side than logits do
-        rng, here = generator(spec.seed, fit.n_runs, "scatter"), belief.mean(estimate.point[None, :])
+        rng, here = generator(spec.seed, fit.n_runs, "scatter"), fitted.mean(estimate.point[None, :])
         runs = surface.errors.future_scores(draws, fitted.scale, np.tile(here, len(draws.sigma)), 1, rng)
         of_run = float(np.ptp(np.quantile(runs, [0.5 - 0.5 * rule.level, 0.5 + 0.5 * rule.level]))) / (2.0 * reach)
     lack = fit.lack_of_fit()
@@ -301,14 +281,10 @@ def _all_equal(fitted: Fitted) -> bool:
 
 
 def _confirmation(
-    spec: CampaignSpec,
-    application: ApplicationSpec,
-    fitted: Fitted,
-    belief: Belief,
-    runs: Sequence[RunRecord],
-    taken_off: float,
+    spec: CampaignSpec, fitted: Fitted, runs: Sequence[RunRecord], taken_off: float
 ) -> tuple[Confirmation | None, Agreement | None]:
     """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit."""
+    application, scale, surface = fitted.application, fitted.scale, fitted.surface
     why = confirmation_reason(application.name)
     used = {run.run_id for run in evidence(runs)}
     fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored" and run.why == why]
@@ -316,7 +292,6 @@ def _confirmation(
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None
-    scale, surface = fitted.scale, fitted.surface
     found = [score for run in fresh if (score := run.score_of(application.name)) is not None]
     scores = np.array([score.score for score in found])
     counts = [(score.correct, score.n) for score in found if score.correct is not None and score.n]
@@ -326,7 +301,7 @@ def _confirmation(
     else:
         interval = confirmation_interval(scores, spec.stop.level)
     at = fitted.region.code([fresh[0].settings])
-    predicted = belief.bands(at, spec.stop.level, scale.weight_at, len(scores))
+    predicted = fitted.bands(at, spec.stop.level, scale.weight_at, len(scores))
     values = scale.centred(scores, np.array([n for _, n in counts]) if len(counts) == len(found) else None)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(
@@ -359,9 +334,9 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: OptimumEstimate) -> list[str]:
+def _notes(spec: CampaignSpec, fitted: Fitted, best: OptimumEstimate) -> list[str]:
     """How the result was found: nothing that casts doubt on it."""
-    data, surface = fitted.data, fitted.surface
+    application, data, surface = fitted.application, fitted.data, fitted.surface
     idle = without_effect(spec.factors, best.settings)
     why = "as its sensor is not in the set or there is but one date"
     found = [f"Of no effect, {why}: {', '.join(idle)}."] if idle else []
@@ -380,8 +355,8 @@ def _notes(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, bes
     return found
 
 
-def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
-    fit, data, surface = fitted.fit, fitted.data, fitted.surface
+def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
+    application, fit, data, surface = fitted.application, fitted.fit, fitted.data, fitted.surface
     found = []
     if fit.reason and not surface.s > 0.0:
         found.append(f"No error estimate: {fit.reason}.")

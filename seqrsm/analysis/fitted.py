@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, Departure, weigh_departure
+from seqrsm.analysis.belief import Fitted, weigh_departure
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
@@ -19,7 +19,7 @@ from seqrsm.analysis.runs import (
     setting_ids,
 )
 from seqrsm.analysis.scale import ResponseScale
-from seqrsm.analysis.surfaces import Surface, surface_of
+from seqrsm.analysis.surfaces import surface_of
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -37,60 +37,6 @@ _ONE_MORE = "score several in one more (`seqrsm propose` names them)"
 def confirmation_reason(application: str) -> str:
     """What is recorded with a fresh run at an application's optimum; each application is confirmed by its own."""
     return f"fresh run at the optimum of {application}"
-
-
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """A fitted surface with what it was fitted to.
-
-    Attributes
-    ----------
-    application : ApplicationSpec
-    region, model : Region, QuadraticModel
-        The campaign's region, and the terms that are fitted over it.
-    data : ScoredRuns
-    scale : ResponseScale
-    fit : LeastSquaresFit
-        With blocks and sources as constants: what tests and diagnostics are made of.
-    surface : Surface
-        What the optimum is sought on: that of ``fit``, of the flight where there are two sources, or of the average
-        block where blocks are random.
-    departure : Departure
-        What the scores say of a surface that is no quadratic.
-    ground : Ground or None
-        What part of the scatter is one ground against another, where it was measured.
-    """
-
-    application: ApplicationSpec
-    region: Region
-    model: QuadraticModel
-    data: ScoredRuns
-    scale: ResponseScale
-    fit: LeastSquaresFit
-    surface: Surface
-    departure: Departure
-    ground: Ground | None = None
-
-    @property
-    def ground_share(self) -> float:
-        """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
-        return 0.0 if self.ground is None else self.ground.share
-
-    @property
-    def run_ratio(self) -> float:
-        """Variance of a run where the ground was measured, near the optimum, over that by the scores of the region.
-
-        1 where the scores are not on their own scale, their errors not normal, or no scatter was seen there.
-        """
-        s, variance = self.fit.s, 0.0 if self.ground is None else self.ground.variance
-        if self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0 and variance > 0.0):
-            return 1.0
-        return float(variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
-
-    @property
-    def belief(self) -> Belief:
-        """Quadratic and process together, on ``scale``."""
-        return Belief(self.surface, self.departure, self.region, self.application.goal, self.run_ratio)
 
 
 def fit_application(

@@ -18,7 +18,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief
+from seqrsm.analysis.belief import Fitted
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.fit.optimum import sign_of
@@ -34,7 +34,7 @@ _FOR_THE_OPTIMUM = ("optimum", "regret", CONFIRMATION)
 """Purposes of runs that lie where the scores before them had the optimum."""
 
 
-def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> float:
+def optimism(fitted: Fitted, point: FloatArray, rng: np.random.Generator) -> float:
     """By how much the mean at the recommended settings is too high, too low where minimized, for having been chosen.
 
     That of the quadratic and that of the process, by their probabilities; what the process rests on stays.
@@ -45,8 +45,8 @@ def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> flo
         What is to be taken off at the coded ``point`` (k,), on the scale of the fit: >= 0, <= 0 where minimized; 0
         without an estimate of error.
     """
-    surface, region, sign = belief.surface, belief.region, sign_of(belief.goal)
-    process, share, made = belief.departure.believed, belief.departure.probability, surface.data.points
+    surface, region, sign = fitted.surface, fitted.region, sign_of(fitted.goal)
+    process, share, made = fitted.departure.believed, fitted.departure.probability, surface.data.points
     if not surface.s > 0.0:
         return 0.0
     near = np.vstack([region.jitter(np.repeat(point[None, :], _NEAR, axis=0), radius, rng) for radius in (0.4, 0.15)])

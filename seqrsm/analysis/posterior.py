@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import intervals_by_draws
-from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.belief import Fitted, intervals_by_draws
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
@@ -117,7 +116,7 @@ def summarise_posterior(
         Location and value of the optimum, predictive interval at the recommended settings, and what acting on the
         recommendation may lose.
     """
-    scale, point = fitted.scale, estimate.point
+    point = estimate.point
     points, best_scores, regret = _optima(spec, fitted, point, draws)
     if looked is not draws:
         *_, regret = _optima(spec, fitted, point, looked)
@@ -128,7 +127,7 @@ def summarise_posterior(
     tail = 0.5 * (1.0 - level)
     stated = {} if draws.bounds is None or prior is None else prior.effect
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-    _, (_, predictive) = intervals_by_draws(fitted.belief, scale, point, level, (1.0,), taken_off, draws, rng)
+    _, (_, predictive) = intervals_by_draws(fitted, point, level, (1.0,), taken_off, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
@@ -150,17 +149,17 @@ def _optima(
     spec: CampaignSpec, fitted: Fitted, point: FloatArray, draws: Draws
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Optimum of each draw, coded (m, k); its score (m,), and how much of that a coded ``point`` (k,) loses (m,)."""
-    belief, n = fitted.belief, min(len(draws.terms), _MOST_OPTIMA)
+    n = min(len(draws.terms), _MOST_OPTIMA)
     of_process = round(n * fitted.departure.probability)
     terms = draws.terms[: n - of_process]
-    points, values = optimum_draws(fitted.model, fitted.region, terms, belief.goal)
+    points, values = optimum_draws(fitted.model, fitted.region, terms, fitted.goal)
     here = terms @ fitted.surface.rows(point[None, :])[0]
     if of_process:
-        own = belief.optima(point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
+        own = fitted.optima(point, fitted.data.points, of_process, batch_seed(spec.seed, fitted.fit.n_runs))
         points, values, here = (np.concatenate(both) for both in zip((points, values, here), own, strict=True))
     limits = fitted.application.score_limits
     best_scores, here_scores = (np.clip(fitted.scale.to_score(found), *limits) for found in (values, here))
-    return points, best_scores, np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
+    return points, best_scores, np.maximum(sign_of(fitted.goal) * (best_scores - here_scores), 0.0)
 
 
 def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief
-from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.belief import Fitted
 from seqrsm.analysis.gap import Gap
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
-from seqrsm.analysis.steps import Step
 from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.stopping import Decision
@@ -152,6 +150,41 @@ class OptimumEstimate:
         """The ends of the ``factors``, some of `at_bound`, and the active constraints, in words: "frequency (low)"."""
         ends = [f"{name} ({self.at_bound[name]})" for name in factors]
         return ends + [f"constraint {expr}" for expr in self.active_constraints]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One value or level of a factor against another, everything else as recommended.
+
+    Attributes
+    ----------
+    factor : str
+    level, over : float or str
+        The value and the next smaller one; or a level of a categorical factor and the recommended level.
+    mean : float
+        Score expected at ``level``: the recommended one's is less for having been chosen, and the others' by as much as
+        leaves none above it.
+    gain : float
+        By which it exceeds that at ``over``; negative where scores fall.
+    interval : Interval
+        Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add.
+    better : float
+        Probability that the score at ``level`` is the better one, expected over all grounds; by the draws as they are,
+        since choosing the best by the same scores moves means and not, or hardly, these probabilities.
+    better_here, loss_here : float
+        Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the
+        score that ``over`` is then expected to lose; nan where simulations did not compare the two.
+    """
+
+    factor: str
+    level: float | str
+    over: float | str
+    mean: float
+    gain: float
+    interval: Interval
+    better: float
+    better_here: float = float("nan")
+    loss_here: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,14 +335,9 @@ class Analysis:
         return self.fitted.data
 
     @property
-    def belief(self) -> Belief:
-        """Quadratic and process together, on ``scale``."""
-        return self.fitted.belief
-
-    @property
     def sd_of_run(self) -> float:
         """Standard deviation of a future run at the recommended settings, score units."""
-        return self.belief.sd_of_run(self.optimum.point)
+        return self.fitted.sd_of_run(self.optimum.point)
 
     @property
     def contradicted(self) -> bool:

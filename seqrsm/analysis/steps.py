@@ -3,111 +3,68 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.random import Generator
 
-from seqrsm.analysis.belief import Belief, mixed_quantiles
-from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.belief import Fitted, mixed_quantiles
+from seqrsm.analysis.ground import sds_of_levels
+from seqrsm.analysis.results import OptimumEstimate, Step
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.optimum import sign_of
+from seqrsm.rng import generator
+from seqrsm.store.records import EventRecord
 
 _DRAWS = 4000
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One value or level of a factor against another, everything else as recommended.
-
-    Attributes
-    ----------
-    factor : str
-    level, over : float or str
-        The value and the next smaller one; or a level of a categorical factor and the recommended level.
-    mean : float
-        Score expected at ``level``: the recommended one's is less for having been chosen, and the others' by as much as
-        leaves none above it.
-    gain : float
-        By which it exceeds that at ``over``; negative where scores fall.
-    interval : Interval
-        Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add.
-    better : float
-        Probability that the score at ``level`` is the better one, expected over all grounds; by the draws as they are,
-        since choosing the best by the same scores moves means and not, or hardly, these probabilities.
-    better_here, loss_here : float
-        Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the
-        score that ``over`` is then expected to lose; nan where simulations did not compare the two.
-    """
-
-    factor: str
-    level: float | str
-    over: float | str
-    mean: float
-    gain: float
-    interval: Interval
-    better: float
-    better_here: float = math.nan
-    loss_here: float = math.nan
-
-
 def steps_of(
-    belief: Belief,
-    scale: ResponseScale,
-    limits: tuple[float, float],
-    point: FloatArray,
-    optimism: float,
-    level: float,
-    draws: Draws,
-    sd_here: Mapping[tuple[str, str], float],
-    rng: np.random.Generator,
+    fitted: Fitted, best: OptimumEstimate, draws: Draws, ranked: Sequence[EventRecord], seed: int
 ) -> tuple[Step, ...]:
     """Steps of every factor with values or levels, from joint draws of the surface.
 
     Parameters
     ----------
-    belief : Belief
-    scale : ResponseScale
-    limits : tuple of float
-        Ends that no score can leave.
-    point : ndarray (k,)
-        Recommended settings, coded.
-    optimism : float
-        Of their mean, score units, see `OptimumEstimate`.
-    level : float
-        Of the intervals.
+    fitted : Fitted
+    best : OptimumEstimate
+        The recommended settings, from which one factor steps.
     draws : Draws
         Of the quadratic.
-    sd_here : Mapping
-        By factor and level, see `seqrsm.analysis.ground.sds_of_levels`.
-    rng : Generator
+    ranked : sequence of EventRecord
+        What paired simulations told of other levels, see `seqrsm.analysis.ground.sds_of_levels`.
+    seed : int
 
     Returns
     -------
     tuple of Step
         Those left out of whose two settings a constraint forbids one.
     """
+    scale, limits = fitted.scale, fitted.application.score_limits
+    point, optimism, level = best.point, best.optimism, best.level
+    rng = generator(seed, fitted.fit.n_runs, "steps")
+    sd_here = sds_of_levels(ranked, fitted.application.name, best.settings)
     found: list[Step] = []
     terms = draws.first(_DRAWS).terms
-    for j, factor in enumerate(belief.region.factors):
+    for j, factor in enumerate(fitted.region.factors):
         if isinstance(factor, DiscreteFactor):
             values: tuple[float | str, ...] = factor.values
             pairs = [(i, i - 1) for i in range(1, len(values))]
         elif isinstance(factor, CategoricalFactor):
-            values, best = factor.levels, int(point[j])
-            pairs = [(i, best) for i in range(len(values)) if i != best]
+            values, chosen_level = factor.levels, int(point[j])
+            pairs = [(i, chosen_level) for i in range(len(values)) if i != chosen_level]
         else:
             continue
         coded = factor.coded_levels
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
-        feasible = belief.region.feasible(points)
+        feasible = fitted.region.feasible(points)
         chosen = np.isclose(coded, point[j])
-        drawn = joint_draws(belief, points, terms, rng)
+        drawn = joint_draws(fitted, points, terms, rng)
         parts = [(np.clip(scale.to_score(one), *limits), share) for one, share in drawn]
-        sign, mean = sign_of(belief.goal), scale.to_score(belief.mean(points))
+        sign, mean = sign_of(fitted.goal), scale.to_score(fitted.mean(points))
         mean[chosen] -= optimism
         above = np.max(sign * mean[feasible & ~chosen], initial=-np.inf) - np.min(sign * mean[chosen], initial=np.inf)
         mean[~chosen] -= sign * max(above, 0.0)
@@ -129,15 +86,13 @@ def steps_of(
     return tuple(found)
 
 
-def joint_draws(
-    belief: Belief, points: FloatArray, terms: FloatArray, rng: np.random.Generator
-) -> list[tuple[AnyArray, float]]:
+def joint_draws(fitted: Fitted, points: FloatArray, terms: FloatArray, rng: Generator) -> list[tuple[AnyArray, float]]:
     """Draws (n, m) of the surface at points (m, k), and the probability of each kind of surface.
 
     ``terms`` (n, p) are those of the quadratic's coefficients.
     """
-    process, share = belief.departure.believed, belief.departure.probability
-    found = [(terms @ belief.surface.rows(points).T, 1.0 - share)]
+    process, share = fitted.departure.believed, fitted.departure.probability
+    found = [(terms @ fitted.surface.rows(points).T, 1.0 - share)]
     if process is not None:
         means, covariances = process.joint(points)
         each = -(-_DRAWS // len(means))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.belief import Fitted
 from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.runs import block_labels
 from seqrsm.analysis.scale import Interval

@@ -288,11 +288,10 @@ class _Comparer:
         """What is expected by the surface; how one ground differs from it by simulations, where there are some."""
         analysis = self.analysis
         points = self.spec.region.code([settings, self.settings])
-        terms, rng = analysis.posterior.term_draws, generator(self.spec.seed, 0, "candidates")
         # Nothing tells how far measured scores of two sensors scatter alike, but for the day that they share.
         variance, of_day = analysis.sd_of_run**2, 0.0
-        if common := analysis.belief.common_sd:
-            of_day = variance * (common / analysis.belief.scatter(analysis.optimum.point)[0]) ** 2
+        if common := analysis.fitted.common_sd:
+            of_day = variance * (common / analysis.fitted.scatter(analysis.optimum.point)[0]) ** 2
         chance = (variance - of_day) / self.runs
         sds = math.sqrt(2.0 * chance), math.sqrt(chance + of_day)
         if self.optimum is not None:
@@ -302,8 +301,7 @@ class _Comparer:
                 sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
         if math.isnan(sds[0]):
             raise ConfigurationError("nothing is known of the scatter of scores until there are more runs than terms")
-        given = (analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds)
-        return by_surface(*given, analysis.optimum.optimism, self.application.score_limits, rng)
+        return by_surface(analysis, points, self.rule, sds, generator(self.spec.seed, 0, "candidates"))
 
     # -- simulated ------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from measured_campaign import FREQUENCY, HEAD, MEASURED, PERCENT, POL, STOP, X, 
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
-from seqrsm.analysis.belief import Belief, Departure, intervals
+from seqrsm.analysis.belief import Departure, Fitted, intervals
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
@@ -43,9 +43,9 @@ def of(document: dict, key: str = "estimate") -> np.ndarray:
     return np.array([term["coded"][key] for term in document["terms"]])
 
 
-def of_quadratic(analysis: Analysis) -> Belief:
+def of_quadratic(analysis: Analysis) -> Fitted:
     """What is believed where no other surface is."""
-    return replace(analysis.belief, departure=Departure(None, float("nan"), 0.0))
+    return replace(analysis.fitted, departure=Departure(None, float("nan"), 0.0))
 
 
 def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
     at = theirs.get_prediction(matrix([found["departure"]["optimum_of_quadratic"]]))
     (analysis,) = Campaign.open(folder).analyse_all()
     for less in (0.0, 0.3):
-        told = intervals(of_quadratic(analysis), analysis.scale, analysis.of_quadratic.point, 0.95, (1,), less)
+        told = intervals(of_quadratic(analysis), analysis.of_quadratic.point, 0.95, (1,), less)
         for name, single, interval in (("mean", False, told[1][0]), ("run", True, told[1][1])):
             low, high = at.conf_int(obs=single)[0]
             assert (interval.low, interval.high) == (pytest.approx(low - less), pytest.approx(high)), name
@@ -106,7 +106,7 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     row = np.asarray(matrix([found["departure"]["optimum_of_quadratic"]]))
     half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
     point = analysis.of_quadratic.point
-    _, (_, prediction, _) = intervals(of_quadratic(analysis), analysis.scale, point, 0.95, (1, 5), 0.0)
+    _, (_, prediction, _) = intervals(of_quadratic(analysis), point, 0.95, (1, 5), 0.0)
     assert prediction.half_width == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
     with pytest.raises(FitError, match="run 5 without a standard error"):

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.belief import Departure, Fitted
 from seqrsm.analysis.compromise import campaign_compromise
-from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
     Confirmation,

@@ -135,7 +135,7 @@ def test_truths_are_quadratics_and_processes_by_their_probability() -> None:
     assert isinstance(process, Process)
     means, variances = process.marginals(at)
     sd = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
-    np.testing.assert_allclose(values.mean(axis=0), analysis.belief.mean(at), atol=float(4.0 * np.max(sd) / 10.0))
+    np.testing.assert_allclose(values.mean(axis=0), analysis.fitted.mean(at), atol=float(4.0 * np.max(sd) / 10.0))
     assert min(truth.best - float(truth.mean(analysis.optimum.point[None, :])[0]) for truth in truths[:20]) > -0.05
 
 

@@ -130,7 +130,7 @@ def look(campaign: Campaign, points: np.ndarray, settings: Settings, real: np.nd
     """Interval at the recommended settings, and how intervals do on real scores that were not taken in."""
     (analysis,) = campaign.analyse_all(n_draws=400)
     best, index = analysis.optimum, np.flatnonzero(tested)
-    found = analysis.belief.bands(points[index], LEVEL)
+    found = analysis.fitted.bands(points[index], LEVEL)
     hit = (real[index] >= found.prediction.low) & (real[index] <= found.prediction.high)
     known = np.array([float(settings[i]["resolution"]) <= KNOWN_M for i in index])
     same = np.flatnonzero(points[:, 0] == best.point[0])

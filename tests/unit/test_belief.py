@@ -13,7 +13,7 @@ from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import belief as belief_module
-from seqrsm.analysis.belief import Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.belief import Fitted, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import draw_coefficients
@@ -49,8 +49,8 @@ def test_a_stationary_point_that_nothing_determines_has_no_number(narrow: Analys
     assert told.replace("\u00a0", " ") == f"{first} 0.50 ± 0.10 and {second} not determined"
 
 
-def believed(analysis: Analysis, probability: float) -> Belief:
-    belief = analysis.belief
+def believed(analysis: Analysis, probability: float) -> Fitted:
+    belief = analysis.fitted
     return replace(belief, departure=replace(belief.departure, probability=probability))
 
 
@@ -84,7 +84,7 @@ def test_runs_are_asked_for_terms_in_factors_that_matter(
     y = 50.0 + height * np.exp(-np.sum(points[:, :2] ** 2, axis=1) / 0.5) + weak * points[:, 2] + NOISE[:60]
     found = analysed(tmp_path / "c", specification(numeric(5)), points, y)
     assert found.fitted.departure.probability > 0.99
-    assert found.belief.acting_terms() == terms
+    assert found.fitted.acting_terms() == terms
     assert believed(found, 0.4).acting_terms() == 0  # the quadratic is likelier
 
 
@@ -92,7 +92,7 @@ def test_a_factor_that_was_hardly_moved_may_matter(tmp_path: Path) -> None:
     """Its mean effect is 0.3 of a run's scatter, with what the scores leave open 0.7."""
     points = np.round(spread(60, 5) * [1.0, 1.0, 1.0, 1.0, 0.15], 4)
     y = 50.0 + 35.0 * np.exp(-np.sum(points[:, :2] ** 2, axis=1) / 0.5) + NOISE[:60]
-    assert analysed(tmp_path / "c", specification(numeric(5)), points, y).belief.acting_terms() == 10
+    assert analysed(tmp_path / "c", specification(numeric(5)), points, y).fitted.acting_terms() == 10
 
 
 def test_all_terms_count_where_all_factors_matter(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_beside_three_flights_an_improbable_process_leaves_intervals_as_they_are
         np.testing.assert_allclose(ends(belief.bands(AT, 0.95, 1.0, m)), ends(wanted), rtol=1e-5)
 
 
-def distribution(belief: Belief, at: int, points: np.ndarray, kind: str, m: int = 1):
+def distribution(belief: Fitted, at: int, points: np.ndarray, kind: str, m: int = 1):
     """Distribution function of the surface, or of the mean of m runs, at one point, and its rough reach."""
     surface, process, share = belief.surface, belief.departure.process, belief.departure.probability
     assert process is not None
@@ -274,7 +274,7 @@ def test_draws_of_the_optimum_are_those_of_the_process(narrow: Analysis) -> None
 
 
 def test_analysis_is_made_of_the_belief(narrow: Analysis) -> None:
-    best, belief = narrow.optimum, narrow.belief
+    best, belief = narrow.optimum, narrow.fitted
     one, five = (belief.bands(best.point[None, :], best.level, 1.0, m) for m in (1, best.replicates))
     assert best.mean == pytest.approx(float(one.mean[0]))
     for got, wanted in (
@@ -325,7 +325,7 @@ def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors
     (analysis,) = made.analyse_all(n_draws=400)
     belief, at = believed(analysis, share), np.array([0.3, 0.3])
     draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=8000)
-    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, (1, 5), 0.0, draws, np.random.default_rng(5))
+    mean, found = intervals_by_draws(belief, at, 0.95, (1, 5), 0.0, draws, np.random.default_rng(5))
     one, five = (belief.bands(at[None, :], 0.95, 1.0, m) for m in (1, 5))
     assert mean == pytest.approx(float(one.mean[0]), rel=1e-12)
     if errors == "student_t" and share < 1.0:
@@ -368,7 +368,7 @@ def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Ana
 
     noise = process.noise_variance.mean()
     sd = np.sqrt((1.0 - share) * fit.s**2 + share * noise)
-    mean = analysis.belief.mean(at)
+    mean = analysis.fitted.mean(at)
     errors = sd * np.random.default_rng(8).standard_normal((800, len(made)))
     scatter = (told(mean[:40] + errors) - told(mean[None, :40]))[:, :40]
     kept = 1.0 - np.mean(np.var(scatter, axis=1)) / np.var(mean[:40])
@@ -377,9 +377,9 @@ def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Ana
     above = new.max(axis=1) - true[40:][np.argmax(new, axis=1)]
     error = np.std(above) * np.sqrt(1.0 / 200 + 1.0 / 800)
     assert 0.0 < best.optimism == pytest.approx(np.mean(above), abs=4 * error)
-    there = float(analysis.belief.mean(best.point[None, :])[0])
+    there = float(analysis.fitted.mean(best.point[None, :])[0])
     assert best.mean == pytest.approx(there - best.optimism)
-    plain = analysis.belief.bands(best.point[None, :], 0.95).confidence
+    plain = analysis.fitted.bands(best.point[None, :], 0.95).confidence
     assert best.confidence.low == pytest.approx(float(plain.low[0]) - best.optimism)
     assert best.confidence.high == pytest.approx(float(plain.high[0]))
     assert narrow.optimum.optimism == pytest.approx(0.0, abs=0.01)
@@ -426,7 +426,7 @@ def test_runs_proposed_for_the_optimum_measure_the_chosen_end_anew(tmp_path: Pat
     bias = s * np.mean(again.max(axis=0))
     fixed = np.maximum(rng.normal(size=100_000) / np.sqrt(6.0), rng.normal(size=100_000) / np.sqrt(14.0))
     assert bias < 0.7 * s * np.mean(fixed)
-    told = [optimism(found.belief, found.optimum.point, np.random.default_rng(seed)) for seed in range(40)]
+    told = [optimism(found.fitted, found.optimum.point, np.random.default_rng(seed)) for seed in range(40)]
     sign = 1.0 if goal == "maximize" else -1.0
     assert np.mean(told) == pytest.approx(sign * bias, abs=4.0 * s / np.sqrt(14.0 * 200.0 * len(told)))
 
@@ -462,7 +462,7 @@ def test_replayed_runs_keep_their_weights_and_follow_the_slope_that_is_left(tmp_
     places[:, 12:] = np.where(first > 0.0, 1.0, -1.0)[:, None]
     level, b = fitted(places, left * places + noise, weights)
     above = level + np.abs(b) - left * np.sign(b)
-    told = [optimism(found.belief, found.optimum.point, np.random.default_rng(seed)) for seed in range(60)]
+    told = [optimism(found.fitted, found.optimum.point, np.random.default_rng(seed)) for seed in range(60)]
     error = np.std(above) * np.sqrt(1.0 / sets + 1.0 / (200 * len(told)))
     assert np.mean(told) == pytest.approx(np.mean(above), abs=4.0 * error)
 
@@ -588,7 +588,7 @@ def test_flights_beside_simulations_are_told_by_a_process_that_knows_both(tmp_pa
     assert analysis.fitted.departure.probability > 0.9  # no quadratic
     at = spread(200, 2, seed=8)
     truth = hill(at) - 10.0
-    bands = analysis.belief.bands(at, 0.95)
+    bands = analysis.fitted.bands(at, 0.95)
     inside = (bands.confidence.low <= truth) & (truth <= bands.confidence.high)
     assert np.mean(inside) > 0.9
     of_quadratic = analysis.fitted.surface.predict(analysis.fitted.surface.rows(at))
@@ -798,11 +798,11 @@ def test_each_future_run_has_its_own_weight(tmp_path) -> None:
     text = specification(numeric(1), rest=model).replace('"measured"', '"percent_correct"')
     found = analysed(tmp_path / "c", text, points, scores, block=[f"d{i // 5}" for i in range(30)])
     at = np.array([[-1.0], [0.0], [0.9]])
-    weight = found.scale.weight_at(found.belief.mean(at))
+    weight = found.scale.weight_at(found.fitted.mean(at))
     assert np.ptp(weight) > 0.3
-    together = found.belief.bands(at, 0.95, weight)
+    together = found.fitted.bands(at, 0.95, weight)
     for i in range(3):
-        alone = found.belief.bands(at[i : i + 1], 0.95, weight[i : i + 1])
+        alone = found.fitted.bands(at[i : i + 1], 0.95, weight[i : i + 1])
         for both, one in ((together.prediction, alone.prediction), (together.confidence, alone.confidence)):
             assert (both.low[i], both.high[i]) == pytest.approx((one.low[0], one.high[0]), rel=1e-9)
 
@@ -814,7 +814,7 @@ def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_pa
     scores = 50.0 - 4.0 * points[:, 0] ** 2 + rng.standard_t(4, 300)
     found = analysed(tmp_path / "c", specification(numeric(1), rest='[model]\nerrors = "student_t"\n'), points, scores)
     assert found.sd_of_run == pytest.approx(np.sqrt(2.0), rel=0.1)
-    s, h = found.belief.scatter(found.optimum.point)
+    s, h = found.fitted.scatter(found.optimum.point)
     assert s == pytest.approx(found.sd_of_run)
     row = found.model.matrix(found.optimum.point[None, :])
     assert s**2 * h == pytest.approx(float(found.fit.predict(row).se_mean[0]) ** 2, rel=1e-9)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -20,8 +23,10 @@ def found(tmp_path_factory):
 
 
 def told(found, points, rule, optimism=OPTIMISM, limits=(-np.inf, np.inf)):
-    given = (found.belief, found.scale, points, found.posterior.term_draws, rule, 0.95, (SD_DIFFERENCE, SD_SCORE))
-    return by_surface(*given, optimism, limits, np.random.default_rng(1))
+    application = SimpleNamespace(goal=found.goal, score_limits=limits)
+    fitted, optimum = replace(found.fitted, application=application), replace(found.optimum, optimism=optimism)
+    of = replace(found, fitted=fitted, optimum=optimum)
+    return by_surface(of, points, rule, (SD_DIFFERENCE, SD_SCORE), np.random.default_rng(1))
 
 
 def expected(found, points):

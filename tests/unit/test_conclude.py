@@ -99,7 +99,7 @@ def test_the_compromise_counts_draws_of_the_process_by_its_probability(
     objective = compromise._application(made.spec, analysis)
     assert objective.draws is not None
     at = np.array([[0.3, 0.3], [-0.8, 0.6]])
-    np.testing.assert_allclose(objective.mean(at), analysis.belief.mean(at))
+    np.testing.assert_allclose(objective.mean(at), analysis.fitted.mean(at))
     found = objective.draws(at)
     quadratics = narrow.posterior.term_draws @ narrow.model.matrix(at).T
     of_quadratic = np.isclose(found[:, None], quadratics, rtol=1e-9).all(axis=2).any(axis=1)
@@ -124,7 +124,7 @@ def test_the_compromise_weighs_percent_of_logits_from_unacceptable_to_ideal(tmp_
     objective = compromise._application(logit.spec, analysis)
     assert objective.draws is not None
     found = objective.mean(POINTS)
-    np.testing.assert_allclose(found, analysis.scale.to_score(analysis.belief.mean(POINTS)))
+    np.testing.assert_allclose(found, analysis.scale.to_score(analysis.fitted.mean(POINTS)))
     assert 70.0 < found.min() < found.max() < 100.0
     drawn = objective.draws(POINTS)
     np.testing.assert_allclose(drawn.mean(axis=0), found, atol=2.0)

@@ -140,9 +140,9 @@ def test_days_of_the_process_are_its_own(flown) -> None:
     widths = []
     for one in (process, alike):
         departure = replace(analysis.fitted.departure, process=one, probability=1.0)
-        belief = replace(analysis.belief, departure=departure)
+        belief = replace(analysis.fitted, departure=departure)
         rng = np.random.default_rng(5)
-        _, (mean, many) = intervals_by_draws(belief, analysis.scale, at, 0.95, (100,), 0.0, draws, rng)
+        _, (mean, many) = intervals_by_draws(belief, at, 0.95, (100,), 0.0, draws, rng)
         widths.append(many.half_width / mean.half_width)
     assert widths[0] > 1.6
     assert widths[1] < 1.2
@@ -198,7 +198,7 @@ def test_what_a_run_of_a_new_random_day_narrows_is_told(flown) -> None:
     ratio = surface.common_sd**2 / (surface.s**2 - surface.common_sd**2)
     points = np.vstack([analysis.fitted.data.points, made.spec.region.code([run.settings for run in new])])
     day = np.append(np.tile(np.arange(8), 5), [8, 8, 8])
-    weight = analysis.fitted.scale.weight_at(analysis.belief.mean(at[None, :]))
+    weight = analysis.fitted.scale.weight_at(analysis.fitted.mean(at[None, :]))
     w = np.append(np.ones(40), np.repeat(weight, 3))
     row, h = model.matrix(at[None, :])[0], []
     for n in range(40, 44):

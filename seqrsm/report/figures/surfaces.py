@@ -108,28 +108,28 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
         y_index,
         numeric_factor(analysis, x_index).decode(coded),
         numeric_factor(analysis, y_index).decode(coded),
-        _scores(analysis, analysis.belief.mean(points)).reshape(shape),
+        _scores(analysis, analysis.fitted.mean(points)).reshape(shape),
         analysis.region.slack(points).reshape(shape),
     )
 
 
 def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
-    return analysis.belief.bands(points, analysis.optimum.level, analysis.scale.weight_at)
+    return analysis.fitted.bands(points, analysis.optimum.level, analysis.scale.weight_at)
 
 
 def line(analysis: Analysis, index: int) -> Line:
     """Evaluate mean and bands along one factor through the optimum."""
     factor = analysis.region.factors[index]
-    coded, made, belief = _places(factor), analysis.data.points, analysis.belief
+    coded, made, fitted = _places(factor), analysis.data.points, analysis.fitted
     moved = _along(analysis, index, made[:, index])
     kept = analysis.region.slack(moved) >= -1e-9
     # What a run is off the surface that is drawn, less what its block adds, and a simulation on flights.
-    off, (sources, blocks) = analysis.fit.y - belief.mean(made), belief.surface.for_process()
+    off, (sources, blocks) = analysis.fit.y - fitted.mean(made), fitted.surface.for_process()
     simulated = np.empty((len(off), 0)) if sources is None else ~sources.own[:, None]
     beside = np.hstack([simulated, *(() if blocks is None else (blocks.columns,))])
     off = off - beside @ np.linalg.lstsq(beside, off, rcond=None)[0]
-    score = _scores(analysis, belief.mean(moved) + off)[kept]
+    score = _scores(analysis, fitted.mean(moved) + off)[kept]
     own = made[kept, index]
     natural, run_x = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
     runs = (analysis.data.run_ids[kept], run_x, score)

@@ -144,7 +144,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     if math.isfinite(floor) and floor > 0.0:
         counted = analysis.fitted.ground_share > 0.0 and stop.worlds == "count"
         cause = "Table uncertainty and run-to-run scatter give" if counted else "Run-to-run scatter alone gives"
-        if analysis.belief.common_sd and stop.interval != "confidence":
+        if analysis.fitted.common_sd and stop.interval != "confidence":
             cause = "Scatter of runs and of blocks gives"
         text = f"{cause} the {watched_interval(stop, counted)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
