@@ -354,8 +354,8 @@ class IngestOutcome:
 
 
 @lru_cache
-def _allowed(kind: Any) -> tuple[tuple[str, tuple[type, ...]], ...]:
-    """Fields of a record, with the types that each may have: a whole number is a float, too."""
+def typed(kind: Any) -> tuple[tuple[str, tuple[type, ...]], ...]:
+    """Fields of a record, with the types that each may have, its own first: a whole number is a float, too."""
     found = []
     for name, hint in get_type_hints(kind).items():
         parts = get_args(hint) if isinstance(hint, UnionType) else (hint,)
@@ -365,7 +365,7 @@ def _allowed(kind: Any) -> tuple[tuple[str, tuple[type, ...]], ...]:
 
 def misfit(record: Any) -> str:
     """Name of a field whose value is not of the type that the record asks for; "" where all are."""
-    for name, kinds in _allowed(record.__class__):
+    for name, kinds in typed(record.__class__):
         value = getattr(record, name)
         large = type(value) is int and float not in kinds and abs(value) >= 2**63
         if large or type(value) not in kinds:

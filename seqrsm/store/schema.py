@@ -5,7 +5,12 @@ Times are UTC in ISO 8601, as text: they sort, and both data bases keep every di
 
 from __future__ import annotations
 
+from types import NoneType
+from typing import Any
+
 import sqlalchemy as sa
+
+from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord, typed
 
 #: States of a run, and the states that each may pass into.
 TRANSITIONS: dict[str, frozenset[str]] = {
@@ -27,100 +32,34 @@ META = sa.Table(
     "meta", METADATA, sa.Column("key", sa.String(64), primary_key=True), sa.Column("value", sa.Text, nullable=False)
 )
 
-RUNS = sa.Table(
-    "runs",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("batch", sa.Integer, nullable=False),
-    sa.Column("purpose", sa.String(64), nullable=False),
-    sa.Column("why", sa.Text, nullable=False),
-    sa.Column("source", sa.String(16), nullable=False),
-    sa.Column("state", sa.String(16), nullable=False, index=True),
-    sa.Column("proposed", sa.JSON, nullable=False),
-    sa.Column("executed", sa.JSON(none_as_null=True)),
-    sa.Column("block", sa.Text, nullable=False),
-    sa.Column("cost", sa.Double, nullable=False),
-    sa.Column("reason", sa.Text, nullable=False),
-    sa.Column("attempts", sa.Integer, nullable=False),
-    sa.Column("owner", sa.Text, nullable=False),
-    sa.Column("replaces", sa.Integer, sa.ForeignKey("runs.id")),
-    sa.Column("proposed_at", sa.String(32), nullable=False),
-    sa.Column("issued_at", sa.String(32)),
-    sa.Column("started_at", sa.String(32)),
-    sa.Column("ended_at", sa.String(32)),
-    sa.Column("seen_at", sa.String(32)),
-    sa.Column("fault", sa.String(16), nullable=False, server_default=""),
-    sa.CheckConstraint("id >= 1"),
-)
+_TYPES: dict[type, sa.types.TypeEngine[Any]] = {
+    str: sa.Text(),
+    int: sa.BigInteger(),
+    float: sa.Double(),
+    dict: sa.JSON(none_as_null=True),
+}
 
-SCORES = sa.Table(
-    "scores",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id"), nullable=False),
-    sa.Column("application", sa.String(128), nullable=False),
-    sa.Column("score", sa.Double, nullable=False),
-    sa.Column("se", sa.Double),
-    sa.Column("n", sa.Integer),
-    sa.Column("correct", sa.Integer),
-    sa.Column("metadata", sa.JSON, nullable=False),
-    sa.Column("source_file", sa.Text, nullable=False),
-    sa.Column("source_row", sa.Integer),
-    sa.Column("scored_at", sa.String(32), nullable=False),
-    sa.UniqueConstraint("run_id", "application"),
-)
 
+def _table(
+    name: str, record: type, *constraints: sa.CheckConstraint | sa.UniqueConstraint, number: str = ""
+) -> sa.Table:
+    """A column for each field of a record, after its number, which may be one of the fields."""
+    columns: list[sa.Column[Any]] = [sa.Column("id", sa.Integer, primary_key=True, autoincrement=name != "runs")]
+    for field, kinds in typed(record):
+        if field not in (number, "scores"):
+            of_run = (sa.ForeignKey("runs.id"),) if field in ("run_id", "replaces") else ()
+            nullable, index = NoneType in kinds, field == "state"
+            columns.append(sa.Column(field, _TYPES[kinds[0]], *of_run, nullable=nullable, index=index))
+    return sa.Table(name, METADATA, *columns, *constraints)
+
+
+RUNS = _table("runs", RunRecord, sa.CheckConstraint("id >= 1"), number="run_id")
+SCORES = _table("scores", ScoreRecord, sa.UniqueConstraint("run_id", "application"))
 # One row for each image in a ranking; ``ranking`` counts rankings from 1, ``reason`` tells why one does not count.
-RANKINGS = sa.Table(
-    "rankings",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("ranking", sa.Integer, nullable=False),
-    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id"), nullable=False),
-    sa.Column("application", sa.String(128), nullable=False),
-    sa.Column("interpreter", sa.Text, nullable=False),
-    sa.Column("session", sa.Text, nullable=False),
-    sa.Column("rank", sa.Double, nullable=False),
-    sa.Column("metadata", sa.JSON, nullable=False),
-    sa.Column("source_file", sa.Text, nullable=False),
-    sa.Column("source_row", sa.Integer),
-    sa.Column("reason", sa.Text, nullable=False),
-    sa.Column("ranked_at", sa.String(32), nullable=False),
-    sa.UniqueConstraint("ranking", "run_id"),
-)
-
-LOOKS = sa.Table(
-    "looks",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("after_run", sa.Integer, nullable=False),
-    sa.Column("application", sa.String(128), nullable=False),
-    sa.Column("summary", sa.JSON, nullable=False),
-    sa.Column("looked_at", sa.String(32), nullable=False),
-)
-
-EVENTS = sa.Table(
-    "events",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("at", sa.String(32), nullable=False),
-    sa.Column("version", sa.String(32), nullable=False),
-    sa.Column("seed", sa.BigInteger),
-    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id")),
-    sa.Column("kind", sa.String(64), nullable=False),
-    sa.Column("detail", sa.JSON, nullable=False),
-    sa.Column("hash", sa.String(64), nullable=False, server_default=""),
-)
-
-FILES = sa.Table(
-    "files",
-    METADATA,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("name", sa.Text, nullable=False),
-    sa.Column("sha256", sa.String(64), nullable=False, unique=True),
-    sa.Column("row_count", sa.Integer, nullable=False),
-    sa.Column("ingested_at", sa.String(32), nullable=False),
-)
+RANKINGS = _table("rankings", RankingRecord, sa.UniqueConstraint("ranking", "run_id"))
+LOOKS = _table("looks", LookRecord, number="look")
+EVENTS = _table("events", EventRecord, number="event")
+FILES = _table("files", FileRecord, sa.UniqueConstraint("sha256"))
 
 VERSION = "0003"
 """Of the tables above: to be raised with any change of them."""
