@@ -2,16 +2,17 @@
 
 They are read from the package's CSV files, once, when they are first asked for. The files hold the print and, beside
 it, the numbers read from it. A range is written ``low..high``, an open side is left empty, several ranges are separated
-by ``;``; sets of channels by ``|``.
+by ``;``; sets of channels by ``|``. A column that is a field of what its row becomes has the field's name.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 
@@ -273,57 +274,35 @@ def _within(outer: Range, inner: Range) -> Range:
     return Range(max(lows, default=None), min(highs, default=None))
 
 
+_READ: Mapping[str, Callable[[str], object]] = {
+    "str": str,
+    "int": int,
+    "float | None": _number,
+    "Range | None": _range,
+    "tuple[Range, ...]": _ranges,
+    "tuple[tuple[str, ...], ...]": lambda text: tuple(tuple(names.split("+")) for names in text.split("|") if names),
+}
+
+
+def _told(kind: type[Entry | Platform | PlatformItem | Table], *rows: Row) -> dict[str, Any]:
+    """Fields that have a column of their name in a row, each read as its type; later rows go before earlier ones."""
+    return {one.name: _READ[str(one.type)](row[one.name]) for row in rows for one in fields(kind) if one.name in row}
+
+
 def _application(row: Row, section: Row) -> Entry:
-    bands = _ranges(section["frequency_ghz"])
-    limit = _range(row["frequency_ghz"])
-    return Entry(
-        table=row["table"],
-        number=int(row["entry"]),
-        system=section["system"],
-        category=row["category"],
-        application=row["application"],
-        numeral=row["numeral"],
-        reading=row["reading"],
-        heading=section["heading"],
-        band=section["band"],
-        wavelength=section["wavelength"],
-        frequency=section["frequency"],
-        wavelength_cm=_ranges(section["wavelength_cm"]),
-        frequency_ghz=tuple(_within(band, limit) for band in bands) if limit else bands,
-        resolution_class_m=_range(section["resolution_m"]),
-        note=" ".join(filter(None, (row["note"], section["note"]))),
-    )
+    told = _told(Entry, section, row)
+    limit, bands = _range(row["frequency_ghz"]), _ranges(section["frequency_ghz"])
+    told["frequency_ghz"] = tuple(_within(band, limit) for band in bands) if limit else bands
+    told["note"] = " ".join(filter(None, (row["note"], section["note"])))
+    return Entry(**told)
 
 
 def _requirement(row: Row, category: str, bands: Mapping[str, Range]) -> Entry:
+    found = Entry(system="active", category=category, **_told(Entry, row))
     named = tuple(bands[letter] for letter in row["bands"].split(";") if letter)
-    waves = _ranges(row["wavelength_cm"])
+    waves = found.wavelength_cm
     of_waves = tuple(Range(_CM_GHZ / r.high if r.high else None, _CM_GHZ / r.low if r.low else None) for r in waves)
-    return Entry(
-        table=row["table"],
-        number=int(row["entry"]),
-        system="active",
-        category=category,
-        application=row["application"],
-        group=row["group"],
-        reading=row["reading"],
-        wavelength=row["wavelength"],
-        wavelength_cm=waves,
-        frequency_ghz=_ranges(row["frequency_ghz"]) + named + of_waves,
-        n_frequencies=row["n_frequencies"],
-        resolution_wanted=row["desired"],
-        resolution_accepted=row["accepted"],
-        resolution_wanted_m=_number(row["desired_m"]),
-        resolution_accepted_m=_number(row["accepted_m"]),
-        polarization=row["polarization"],
-        channels=tuple(tuple(names.split("+")) for names in row["channels"].split("|") if names),
-        nadir_angle=row["nadir_angle"],
-        nadir_angle_deg=_ranges(row["nadir_angle_deg"]),
-        best_nadir_angle_deg=_number(row["best_angle_deg"]),
-        auxiliary=row["auxiliary"],
-        revisit_days=_range(row["revisit_days"]),
-        note=row["note"],
-    )
+    return replace(found, frequency_ghz=found.frequency_ghz + named + of_waves)
 
 
 def _entries(tables: Iterable[Row]) -> tuple[Entry, ...]:
@@ -332,7 +311,7 @@ def _entries(tables: Iterable[Row]) -> tuple[Entry, ...]:
     # Tables A.16 to A.20 name bands without edges: those of the radar tables A.8 to A.12 stand for them.
     edges = [row for row in sections.values() if row["band"] and row["system"] == "active"]
     bands = {row["band"]: _ranges(row["frequency_ghz"])[0] for row in edges}
-    subjects = {row["table"]: row["printed_title"].removesuffix(" System Requirements") for row in tables}
+    subjects = {row["number"]: row["title"].removesuffix(" System Requirements") for row in tables}
     requirements = [_requirement(row, subjects[row["table"]], bands) for row in rows_of("requirements.csv")]
     return (*applications, *requirements)
 
@@ -340,16 +319,9 @@ def _entries(tables: Iterable[Row]) -> tuple[Entry, ...]:
 def _platforms() -> tuple[Platform, ...]:
     items: dict[str, list[PlatformItem]] = {}
     for row in rows_of("spacecraft_items.csv"):
-        items.setdefault(row["table"], []).append(PlatformItem(row["item"], row["printed"], row["note"]))
+        items.setdefault(row["table"], []).append(PlatformItem(**_told(PlatformItem, row)))
     return tuple(
-        Platform(
-            table=row["table"],
-            spacecraft=row["spacecraft"],
-            reading=row["reading"],
-            items=tuple(items[row["table"]]),
-            note=row["note"],
-        )
-        for row in rows_of("spacecraft.csv")
+        Platform(items=tuple(items[row["table"]]), **_told(Platform, row)) for row in rows_of("spacecraft.csv")
     )
 
 
@@ -360,18 +332,8 @@ def load_catalog() -> Catalog:
     entries, platforms = _entries(rows), _platforms()
     tables = []
     for row in rows:
-        own = [entry for entry in entries if entry.table == row["table"]]
+        own = [entry for entry in entries if entry.table == row["number"]]
         n_none = sum(entry.is_none for entry in own)
-        n_platforms = sum(platform.table == row["table"] for platform in platforms)
-        tables.append(
-            Table(
-                number=row["table"],
-                kind=row["kind"],
-                listed_title=row["listed_title"],
-                title=row["printed_title"],
-                note=row["note"],
-                n_entries=len(own) - n_none + n_platforms,
-                n_none=n_none,
-            )
-        )
+        n_platforms = sum(platform.table == row["number"] for platform in platforms)
+        tables.append(Table(n_entries=len(own) - n_none + n_platforms, n_none=n_none, **_told(Table, row)))
     return Catalog(tuple(tables), entries, platforms)

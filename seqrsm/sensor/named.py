@@ -185,18 +185,12 @@ def named_sensors() -> tuple[NamedSensor, ...]:
 
 def _sensor(row: Mapping[str, str], noise: Iterable[Mapping[str, str]]) -> NamedSensor:
     own = [n for n in noise if n["name"] == row["name"] and row["mode"].split()[0] == n["mode"]]
+    words: dict[str, Any] = {name: row[name] for name in _WORDS}
+    words |= {"channels": tuple(row["channels"].split("|"))}
+    words |= {name: frozenset(row[name].split()) for name in ("derived", "recalled")}
     return NamedSensor(
-        name=row["name"],
-        mode=row["mode"],
-        kind=row["kind"],
-        status=row["status"],
-        platform=row["platform"],
-        channels=tuple(row["channels"].split("|")),
+        **words,
         values={name: float(text) for name, text in row.items() if name not in _WORDS and text},
-        derived=frozenset(row["derived"].split()),
-        recalled=frozenset(row["recalled"].split()),
-        sources=row["sources"],
-        notes=row["notes"],
         noise=tuple((float(n["incidence_deg"]), float(n["like_db"]), float(n["cross_db"])) for n in own),
     )
 

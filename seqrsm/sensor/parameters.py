@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeVar, cast
+from typing import Any, Final, Literal, TypeVar
 
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import pattern_points
@@ -162,35 +162,19 @@ _ROWS: Final = Path(__file__).parent / "data" / "parameters.csv"
 
 
 def _table(sensor: str) -> Mapping[str, Parameter]:
-    """Parameters of a sensor by their names in ``campaign.toml``; levels and values are separated by blanks."""
+    """Parameters of a sensor by their names in ``campaign.toml``."""
     with _ROWS.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["sensor"] == sensor]
-    found = {
-        row["name"]: Parameter(
-            name=row["name"],
-            field=row["field"],
-            kind=cast(Kind, row["kind"]),
-            what=row["what"],
-            unit=row["unit"],
-            low=_limit(row, "low", -math.inf),
-            high=_limit(row, "high", math.inf),
-            levels=tuple(row["levels"].split()),
-            values=tuple(float(value) for value in row["values"].split()),
-            why_fixed=row["why_fixed"],
-            said=row["said"],
-            part=row["part"],
-        )
-        for row in rows
-    }
-    return MappingProxyType(found)
+        rows = [row for row in csv.DictReader(file) if row.pop("sensor") == sensor]
+    return MappingProxyType({row["name"]: _parameter(row) for row in rows})
 
 
-def _limit(row: Mapping[str, str], end: str, none: float) -> float:
-    """A limit of a row, a whole number where the parameter is one."""
-    text = row[end]
-    if not text:
-        return none
-    return int(text) if row["kind"] == "whole" else float(text)
+def _parameter(row: Mapping[str, str]) -> Parameter:
+    """A row; levels and values are separated by blanks, and an empty cell leaves the default."""
+    number = int if row["kind"] == "whole" else float
+    told: dict[str, Any] = {name: text for name, text in row.items() if text}
+    told |= {end: number(told[end]) for end in ("low", "high") if end in told}
+    told |= {"levels": tuple(row["levels"].split()), "values": tuple(map(float, row["values"].split()))}
+    return Parameter(**told)
 
 
 RADAR: Final = _table("radar")
