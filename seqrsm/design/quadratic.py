@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -36,6 +36,28 @@ class Term:
     name: str
     kind: TermKind
     factors: tuple[str, ...]
+
+
+class Quadratics(NamedTuple):
+    """Quadratics ``c + x'b + x'Bx`` in q coordinates: constants (m,), b (m, q), symmetric B (m, q, q); or one: no m."""
+
+    constant: FloatArray
+    linear: FloatArray
+    quadratic: FloatArray
+
+    def take(self, rows: int | IntArray | slice) -> Quadratics:
+        """Some of them, or one."""
+        return Quadratics(*(part[rows] for part in self))
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values (m, n), each at its own points (m, n, q)."""
+        values: FloatArray = self.constant[:, None] + (points @ self.linear[:, :, None])[..., 0]
+        values += np.sum((points @ self.quadratic) * points, axis=-1)
+        return values
+
+    def at(self, x: FloatArray) -> float:
+        """Value of one at a point (q,)."""
+        return float(self.constant + x @ self.linear + x @ self.quadratic @ x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,16 +157,11 @@ class QuadraticModel(OfFactors):
             means[j], moments[j] = of[0, part], of[np.ix_(part, part)]
         return means, moments
 
-    def forms(self, beta: FloatArray, levels: tuple[int, ...] = ()) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Constant, gradient and matrix of the quadratic in the q numeric factors at given categorical levels.
+    def forms(self, beta: FloatArray, levels: tuple[int, ...] = ()) -> Quadratics:
+        """The quadratic in the q numeric factors at given categorical levels.
 
         ``beta`` (..., p) are coefficients in the order of ``terms``; ``levels`` the index of the level of each
         categorical factor, in the order of ``categorical``.
-
-        Returns
-        -------
-        c : ndarray (...), b : ndarray (..., q), B : ndarray (..., q, q), symmetric
-            The value of the model is ``c + x'b + x'Bx``.
         """
         beta = np.asarray(beta, dtype=np.float64)
         point = np.zeros((1, self.k))
@@ -163,7 +180,7 @@ class QuadraticModel(OfFactors):
             else:
                 B[..., free[0], free[1]] += 0.5 * value
                 B[..., free[1], free[0]] += 0.5 * value
-        return c, b, B
+        return Quadratics(c, b, B)
 
     def factor_terms(self, name: str) -> IntArray:
         """Return the indices of all terms that hold the factor ``name``, for RSL TR 380-1 eq. (2-14)."""

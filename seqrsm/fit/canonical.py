@@ -147,8 +147,8 @@ def stationary_point(
     variance : callable, optional
         Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
     """
-    constant, linear, quadratic = model.forms(beta, levels)
-    form = canonical_form(float(constant), linear, quadratic)
+    surface = model.forms(beta, levels)
+    form = canonical_form(float(surface.constant), surface.linear, surface.quadratic)
     point = _full_point(region, form.point, levels)
     exact = _full_point(region, form.exact_point, levels)
     inside, exact_inside = (bool(np.all(np.isfinite(at)) and _inside(region, at)) for at in (point, exact))
@@ -157,7 +157,7 @@ def stationary_point(
         nothing = np.full(len(levels), np.nan)
         if variance is None or not np.all(np.isfinite(at)):
             return _full_point(region, np.full(len(region.numeric), np.nan), nothing)
-        slopes = _slopes(model, form, linear, levels, flat)
+        slopes = _slopes(model, form, surface.linear, levels, flat)
         return _full_point(region, np.sqrt(np.maximum(variance(slopes), 0.0)), nothing)
 
     names = [region.names[i] for i in region.numeric]
@@ -171,10 +171,10 @@ def stationary_point(
         flat=form.flat,
         inside_region=inside,
         se=errors(form.point, form.flat),
-        exact_value=float(constant + form.exact_point @ linear + form.exact_point @ quadratic @ form.exact_point),
+        exact_value=surface.at(form.exact_point),
         exact_inside_region=exact_inside,
         exact_se=errors(form.exact_point, np.zeros_like(form.flat)),
-        warning=_ridge_warning(form, names, level=not np.any(linear)),
+        warning=_ridge_warning(form, names, level=not np.any(surface.linear)),
     )
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import Quadratics
 from seqrsm.design.region import Region
-from seqrsm.fit.faces import quadratic_values
 
 _ROOT_STEPS, _MOST_ROUNDS = 9, 5
 _FIRST_STEP, _LAST_STEP = 0.3, 1e-4
@@ -52,9 +52,7 @@ def retract(region: Region, points: FloatArray, anchors: FloatArray) -> FloatArr
 
 def climb(
     region: Region,
-    constant: FloatArray,
-    linear: FloatArray,
-    quadratic: FloatArray,
+    forms: Quadratics,
     starts: FloatArray,
     anchors: FloatArray,
     rng: np.random.Generator,
@@ -66,8 +64,8 @@ def climb(
     ----------
     region : Region
         With constraints.
-    constant, linear, quadratic : ndarray (m,), (m, c), (m, c, c)
-        Quadratics in the c continuous factors, the other columns of ``starts`` held.
+    forms : Quadratics
+        m, in the continuous factors, the other columns of ``starts`` held.
     starts : ndarray (m, k)
         Feasible points.
     anchors : ndarray (m, k)
@@ -85,17 +83,11 @@ def climb(
     """
     free = list(region.continuous)
     points = starts.copy()
-
-    def value(x: FloatArray) -> FloatArray:
-        found: FloatArray = quadratic_values(constant, linear, quadratic, x[:, None, :])[:, 0]
-        return found
-
-    values = value(points[:, free])
-
+    values = forms.values(points[:, None, free])[:, 0]
     length = np.full(len(points), _FIRST_STEP)
     for step in range(steps):
         x = points[:, free]
-        gradient = linear + 2.0 * (quadratic @ x[:, :, None])[..., 0]
+        gradient = forms.linear + 2.0 * (forms.quadratic @ x[:, :, None])[..., 0]
         # Along the boundary, across it, and now and then anywhere: no direction is jammed at a corner for ever.
         kind = ("tangent", "gradient", "tangent", "random")[step % 4]
         if kind == "gradient":
@@ -110,7 +102,7 @@ def climb(
         trial = points.copy()
         trial[:, free] = np.clip(x + length[:, None] * direction, -1.0, 1.0)
         trial = retract(region, trial, points if kind == "gradient" else anchors)
-        found = value(trial[:, free])
+        found = forms.values(trial[:, None, free])[:, 0]
         better = found > values
         points[better], values[better] = trial[better], found[better]
         length = np.clip(length * np.where(better, 1.6, 0.6), _LAST_STEP, 1.0)
@@ -148,22 +140,17 @@ def _tangent(region: Region, points: FloatArray, free: list[int], gradient: Floa
     return np.where(blocked, 0.0, along)
 
 
-def _value(constant: float, linear: FloatArray, quadratic: FloatArray, x: FloatArray) -> float:
-    return float(constant + x @ linear + x @ quadratic @ x)
-
-
-def line_ascent(
-    region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray
-) -> tuple[FloatArray, float]:
+def line_ascent(region: Region, form: Quadratics, start: FloatArray) -> tuple[FloatArray, float]:
     """Exact maximisation along one continuous coordinate after the other, over its feasible intervals.
 
-    The quadratic in the c continuous factors has a constant, ``linear`` (c,) and ``quadratic`` (c, c); ``start`` (k,)
-    is feasible. Returns a feasible point (k,), never worse than that, and its value.
+    ``form`` is one quadratic in the continuous factors; ``start`` (k,) is feasible. Returns a feasible point (k,),
+    never worse than that, and its value.
     """
+    _, linear, quadratic = form
     free = list(region.continuous)
     point = start.copy()
     x = point[free]
-    value = _value(constant, linear, quadratic, x)
+    value = form.at(x)
     for _ in range(_MOST_ROUNDS):  # it ends when a round gains nothing
         before = value
         for column, j in enumerate(free):
@@ -182,14 +169,13 @@ def line_ascent(
                     point, x, value = trial, trial[free], value + float(gains[best])
         if value - before <= 1e-13 * (1.0 + abs(value)):
             break
-    return point, _value(constant, linear, quadratic, x)
+    return point, form.at(x)
 
 
-def polish(
-    region: Region, constant: float, linear: FloatArray, quadratic: FloatArray, start: FloatArray
-) -> tuple[FloatArray, float]:
+def polish(region: Region, form: Quadratics, start: FloatArray) -> tuple[FloatArray, float]:
     """SLSQP on the slacks of constraints, drawn back into the region where it ends outside; else as `line_ascent`."""
     free = list(region.continuous)
+    _, linear, quadratic = form
 
     def full(x: FloatArray) -> FloatArray:
         point = start.copy()
@@ -201,7 +187,7 @@ def polish(
         return found
 
     def loss(x: FloatArray) -> float:
-        return -_value(constant, linear, quadratic, x) / scale
+        return -form.at(x) / scale
 
     def slope(x: FloatArray) -> FloatArray:
         found: FloatArray = -(linear + 2.0 * quadratic @ x) / scale
@@ -217,9 +203,9 @@ def polish(
         method="SLSQP",
         options={"maxiter": 100, "ftol": 1e-14},
     )
-    before = _value(constant, linear, quadratic, start[free])
+    before = form.at(start[free])
     if not np.all(np.isfinite(found.x)):
         return start, before
     point = retract(region, full(found.x)[None, :], start[None, :])[0]
-    after = _value(constant, linear, quadratic, point[free])
+    after = form.at(point[free])
     return (point, after) if after > before else (start, before)

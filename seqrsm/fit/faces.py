@@ -8,30 +8,22 @@ concave has one maximum, which its active bounds prove without enumeration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
-from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.quadratic import QuadraticModel, Quadratics
 from seqrsm.design.region import Region
 
 
-@dataclass(frozen=True, slots=True)
-class Slice:
-    """Quadratics of m surfaces in the continuous factors at one combination of levels."""
+def slices(model: QuadraticModel, region: Region, betas: FloatArray) -> Iterator[tuple[FloatArray, Quadratics]]:
+    """Each combination of categories and discrete values: m surfaces there as quadratics in the continuous factors.
 
-    template: FloatArray  # (k,), continuous entries 0
-    constant: FloatArray
-    linear: FloatArray
-    quadratic: FloatArray
-
-
-def slices(model: QuadraticModel, region: Region, betas: FloatArray) -> Iterator[Slice]:
-    """One slice per combination of categories and discrete values."""
+    Before them a template (k,): the combination, continuous entries 0.
+    """
     axes = region.axes
     numeric = list(region.numeric)
     free = np.array([numeric.index(j) for j in region.continuous], dtype=np.int64)
@@ -47,12 +39,8 @@ def slices(model: QuadraticModel, region: Region, betas: FloatArray) -> Iterator
             template = np.zeros(region.k)
             template[list(region.discrete)] = d
             template[list(region.categorical)] = levels
-            yield Slice(
-                template,
-                constant + linear[:, held] @ d + np.sum((square @ d) * d, axis=1),
-                linear[:, free] + 2.0 * cross @ d,
-                inner,
-            )
+            level = constant + linear[:, held] @ d + np.sum((square @ d) * d, axis=1)
+            yield template, Quadratics(level, linear[:, free] + 2.0 * cross @ d, inner)
 
 
 def full_points(region: Region, template: FloatArray, continuous: FloatArray) -> FloatArray:
@@ -76,13 +64,10 @@ def deepest(region: Region, points: FloatArray) -> FloatArray:
     return found
 
 
-def stack(pieces: Sequence[Slice]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constants, linear and quadratic parts of all slices in one array each, first axis slice by slice."""
-    return (
-        np.concatenate([s.constant for s in pieces]),
-        np.concatenate([s.linear for s in pieces]),
-        np.concatenate([s.quadratic for s in pieces]),
-    )
+def stacked(pieces: Iterable[tuple[FloatArray, Quadratics]]) -> tuple[list[FloatArray], Quadratics]:
+    """Templates of all slices, and their quadratics together, slice by slice."""
+    templates, forms = zip(*pieces, strict=True)
+    return list(templates), Quadratics(*(np.concatenate(parts) for parts in zip(*forms, strict=True)))
 
 
 # A pivot below this share of the largest coefficient is no curvature: the ridge then runs into a smaller face, which is
@@ -93,16 +78,6 @@ _CHUNK = 4096
 # Concave by this share of the largest coefficient: one maximum, and nothing tied with it that could be told from it.
 _CURVED_PIVOT = 1e-4
 _ACTIVE_SET_ROUNDS = 12
-
-
-def quadratic_values(constant: FloatArray, linear: FloatArray, quadratic: FloatArray, points: FloatArray) -> FloatArray:
-    """Values (m, n) of m quadratics, each at its own coded points (m, n, q).
-
-    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q).
-    """
-    values: FloatArray = constant[:, None] + (points @ linear[:, :, None])[..., 0]
-    values += np.sum((points @ quadratic) * points, axis=-1)
-    return values
 
 
 def _concave(quadratic: FloatArray, scale: FloatArray, share: float = _FLAT_PIVOT) -> BoolArray:
@@ -121,22 +96,19 @@ def _concave(quadratic: FloatArray, scale: FloatArray, share: float = _FLAT_PIVO
     return good
 
 
-def _scale(linear: FloatArray, quadratic: FloatArray) -> FloatArray:
+def _scale(forms: Quadratics) -> FloatArray:
     """Largest coefficient of each of m quadratics."""
-    of_squares = np.abs(quadratic).max(axis=(1, 2), initial=0.0)
-    found: FloatArray = np.maximum(of_squares, np.abs(linear).max(axis=1, initial=0.0))
+    of_squares = np.abs(forms.quadratic).max(axis=(1, 2), initial=0.0)
+    found: FloatArray = np.maximum(of_squares, np.abs(forms.linear).max(axis=1, initial=0.0))
     return found
 
 
-def well_curved(linear: FloatArray, quadratic: FloatArray) -> BoolArray:
-    """Which of m quadratics, ``linear`` (m, q) and ``quadratic`` (m, q, q), are clearly concave.
-
-    So clearly that they have one maximum on the cube and no ridge.
-    """
-    return _concave(quadratic, _scale(linear, quadratic), _CURVED_PIVOT)
+def well_curved(forms: Quadratics) -> BoolArray:
+    """Which of m quadratics are so clearly concave that they have one maximum on the cube and no ridge."""
+    return _concave(forms.quadratic, _scale(forms), _CURVED_PIVOT)
 
 
-def _active_set(linear: FloatArray, quadratic: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _active_set(forms: Quadratics) -> tuple[FloatArray, BoolArray]:
     """Maxima of concave quadratics on the cube by guesses of the active bounds, and which are proved.
 
     Each round solves for the free coordinates with the others at their bounds, then frees bounds whose multiplier has
@@ -144,6 +116,7 @@ def _active_set(linear: FloatArray, quadratic: FloatArray) -> tuple[FloatArray, 
     865-888). A guess that reproduces itself fulfils the conditions of Karush, Kuhn and Tucker, which prove the maximum
     of a concave function; one that does not within some rounds is left to enumeration.
     """
+    _, linear, quadratic = forms
     m, q = linear.shape
     side = np.zeros((m, q))
     points = np.zeros((m, q))
@@ -166,13 +139,11 @@ def _active_set(linear: FloatArray, quadratic: FloatArray) -> tuple[FloatArray, 
     return points, proved
 
 
-def face_maxima(
-    constant: FloatArray, linear: FloatArray, quadratic: FloatArray
-) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+def face_maxima(forms: Quadratics) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
     """Stationary points of m quadratics on every face of the cube on which they can have a maximum.
 
-    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q). A face on which one is
-    not strictly concave is left out for it: its maximum there, if any, is also attained on a smaller face.
+    A face on which one is not strictly concave is left out for it: its maximum there, if any, is also attained on a
+    smaller face.
 
     Yields
     ------
@@ -183,8 +154,9 @@ def face_maxima(
     values : ndarray (r, f)
         Value there; -inf where the stationary point lies outside the face.
     """
+    _, linear, quadratic = forms
     m, q = linear.shape
-    scale = _scale(linear, quadratic)
+    scale = _scale(forms)
     for size in range(q + 1):
         signs = np.array(list(product((-1.0, 1.0), repeat=q - size)), dtype=np.float64).reshape(
             2 ** (q - size), q - size
@@ -205,34 +177,32 @@ def face_maxima(
                 solution = np.linalg.solve(-2.0 * block[rows], right).transpose(0, 2, 1)
                 inside = np.all(np.abs(solution) <= 1.0 + _INSIDE, axis=-1)
                 points[:, :, free] = np.clip(solution, -1.0, 1.0)
-            values = quadratic_values(constant[rows], linear[rows], quadratic[rows], points)
+            values = forms.take(rows).values(points)
             yield rows, points, np.where(inside, values, -np.inf)
 
 
-def cube_maxima(constant: FloatArray, linear: FloatArray, quadratic: FloatArray) -> tuple[FloatArray, FloatArray]:
+def cube_maxima(forms: Quadratics) -> tuple[FloatArray, FloatArray]:
     """Global maximum of each of m quadratics on the cube [-1, 1]^q: a maximiser (m, q), and its value (m,).
 
-    The quadratics ``c + x'b + x'Bx`` have constants (m,), b (m, q) and symmetric B (m, q, q). q = 0 is allowed.
+    q = 0 is allowed.
     """
-    m, q = linear.shape
+    m, q = forms.linear.shape
     best_points = np.zeros((m, q))
     best_values = np.full(m, -np.inf)
     left = np.arange(m)
     if q > 1:
-        curved = np.flatnonzero(well_curved(linear, quadratic))
-        points, proved = _active_set(linear[curved], quadratic[curved])
+        curved = np.flatnonzero(well_curved(forms))
+        points, proved = _active_set(forms.take(curved))
         done = curved[proved]
         best_points[done] = points[proved]
-        best_values[done] = quadratic_values(
-            constant[done], linear[done], quadratic[done], best_points[done][:, None, :]
-        )[:, 0]
+        best_values[done] = forms.take(done).values(best_points[done][:, None, :])[:, 0]
         left = np.setdiff1d(left, done, assume_unique=True)
     # Small chunks keep the arrays of one face set in the cache.
     step = max(64, _CHUNK >> max(0, q - 4))
     for start in range(0, len(left), step):
         part = left[start : start + step]
         points, values = best_points[part], best_values[part]
-        for rows, found, found_values in face_maxima(constant[part], linear[part], quadratic[part]):
+        for rows, found, found_values in face_maxima(forms.take(part)):
             face = np.argmax(found_values, axis=1)
             value = found_values[np.arange(len(rows)), face]
             better = value > values[rows]

@@ -12,19 +12,18 @@ from typing import Literal
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.design.quadratic import QuadraticModel, Quadratics
 from seqrsm.design.region import Region
 from seqrsm.fit.constrained import climb, line_ascent, polish
 from seqrsm.fit.faces import (
-    Slice,
     cube_maxima,
     deepest,
     face_maxima,
     feasible_cover,
     full_points,
     slices,
-    stack,
+    stacked,
     well_curved,
 )
 
@@ -82,12 +81,13 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     """
     signed = sign_of(goal) * beta[None, :]
     if not np.any(signed[0, 1:]):  # every setting is as good
-        point, value, ties, flat, exact = region.centre(), float(signed[0, 0]), np.empty((0, region.k)), True, True
-    elif region.is_box:
-        point, value, ties, flat = _box_optimum(model, region, signed)
-        exact = True
+        point, ties, flat, exact = region.centre(), np.empty((0, region.k)), True, True
+        value = float(signed[0, 0])
     else:
-        point, value, ties, flat, exact = _constrained_optimum(model, region, signed)
+        tied, exact = (_box_optima if region.is_box else _constrained_optima)(model, region, signed)
+        point, ties = _choose(region, np.array(tied))
+        value = float((model.matrix(point[None, :]) @ signed[0])[0])
+        flat = _is_flat(model, region, signed, point, ties)
     return Optimum(
         point=point,
         value=sign_of(goal) * value,
@@ -136,33 +136,28 @@ def _is_flat(model: QuadraticModel, region: Region, signed: FloatArray, point: F
     return bool(np.any(as_good & region.feasible(middle)))
 
 
-def _box_optimum(
-    model: QuadraticModel, region: Region, signed: FloatArray
-) -> tuple[FloatArray, float, FloatArray, bool]:
-    pieces = list(slices(model, region, signed))
-    constant, linear, quadratic = stack(pieces)
-    found_points, values = cube_maxima(constant, linear, quadratic)
+def _box_optima(model: QuadraticModel, region: Region, signed: FloatArray) -> tuple[list[FloatArray], bool]:
+    """Points that are equally good, and whether they are certain: they are."""
+    templates, forms = stacked(slices(model, region, signed))
+    found_points, values = cube_maxima(forms)
     close = np.flatnonzero(values >= values.max() - _tolerance(signed))[:256]
     limit = float(values.max()) - _tolerance(signed)
-    single = well_curved(linear[close], quadratic[close])
-    found = [full_points(region, pieces[i].template, found_points[i]) for i in close[single]]
+    single = well_curved(forms.take(close))
+    found = [full_points(region, templates[i], found_points[i]) for i in close[single]]
     close = close[~single]
-    for rows, points, face_values in face_maxima(constant[close], linear[close], quadratic[close]):
+    for rows, points, face_values in face_maxima(forms.take(close)):
         row, face = np.nonzero(face_values >= limit)
         found += [
-            full_points(region, pieces[close[rows[i]]].template, points[i, j])
+            full_points(region, templates[close[rows[i]]], points[i, j])
             for i, j in zip(row[:_MAX_TIES], face[:_MAX_TIES], strict=True)
         ]
-    point, ties = _choose(region, np.array(found))
-    value = float((model.matrix(point[None, :]) @ signed[0])[0])
-    return point, value, ties, _is_flat(model, region, signed, point, ties)
+    return found, True
 
 
-def _constrained_optimum(
-    model: QuadraticModel, region: Region, signed: FloatArray
-) -> tuple[FloatArray, float, FloatArray, bool, bool]:
-    pieces = list(slices(model, region, signed))
-    bound_points, bounds = cube_maxima(*stack(pieces))
+def _constrained_optima(model: QuadraticModel, region: Region, signed: FloatArray) -> tuple[list[FloatArray], bool]:
+    """Points that are equally good, and whether they are certain."""
+    templates, forms = stacked(slices(model, region, signed))
+    bound_points, bounds = cube_maxima(forms)
     cover = feasible_cover(region)
     cover_values = model.matrix(cover) @ signed[0]
     tolerance = _tolerance(signed)
@@ -174,27 +169,23 @@ def _constrained_optimum(
     for index in np.argsort(-bounds, kind="stable"):
         if bounds[index] < limit - tolerance:
             break
-        piece = pieces[index]
-        exact_point = full_points(region, piece.template, bound_points[index])
+        exact_point = full_points(region, templates[index], bound_points[index])
         if region.feasible(exact_point[None, :], tol=0.0)[0]:
             found.append((float(bounds[index]), exact_point, True))
         else:
-            rows = np.flatnonzero(np.all(cover[:, held] == piece.template[held], axis=1))
+            rows = np.flatnonzero(np.all(cover[:, held] == templates[index][held], axis=1))
             if not len(rows):
                 continue
             starts = cover[rows[_spread_starts(cover[rows], cover_values[rows])]]
-            point, value = _search_slice(region, piece, starts, deepest(region, cover[rows]))
+            point, value = _search_slice(region, forms.take(index), starts, deepest(region, cover[rows]))
             found.append((value, point, False))
         limit = max(limit, found[-1][0])
     tied = [item for item in found if item[0] >= limit - tolerance]
-    point, ties = _choose(region, np.array([item[1] for item in tied]))
     # A point that reached its enumerated bound is certain even when a climb found it as well.
-    exact = any(item[2] for item in tied)
-    value = float((model.matrix(point[None, :]) @ signed[0])[0])
-    return point, value, ties, _is_flat(model, region, signed, point, ties), exact
+    return [item[1] for item in tied], any(item[2] for item in tied)
 
 
-def _spread_starts(points: FloatArray, values: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+def _spread_starts(points: FloatArray, values: FloatArray) -> IntArray:
     """Indices of good points that do not crowd: the best, then good ones far from those already taken."""
     pool = np.argsort(-values, kind="stable")[:2000]
     spread = max(float(values[pool[0]] - values[pool[-1]]), 1e-300)
@@ -207,27 +198,17 @@ def _spread_starts(points: FloatArray, values: FloatArray) -> np.ndarray[tuple[i
     return np.asarray(pool[np.array(chosen)], dtype=np.int64)
 
 
-def _search_slice(region: Region, piece: Slice, starts: FloatArray, anchor: FloatArray) -> tuple[FloatArray, float]:
-    m = len(starts)
-    constant, linear, quadratic = piece.constant[0], piece.linear[0], piece.quadratic[0]
+def _search_slice(region: Region, form: Quadratics, starts: FloatArray, anchor: FloatArray) -> tuple[FloatArray, float]:
+    forms = Quadratics(*(np.broadcast_to(part, (len(starts), *np.shape(part))) for part in form))
     rng = np.random.default_rng(20_021)
-    points, values = climb(
-        region,
-        np.full(m, constant),
-        np.broadcast_to(linear, (m, len(linear))),
-        np.broadcast_to(quadratic, (m, *quadratic.shape)),
-        starts,
-        np.broadcast_to(anchor, starts.shape),
-        rng,
-        steps=16,
-    )
+    points, values = climb(region, forms, starts, np.broadcast_to(anchor, starts.shape), rng, steps=16)
     best_point, best_value = points[0], -np.inf
     for row in np.argsort(-values, kind="stable")[:4]:
-        point, value = polish(region, float(constant), linear, quadratic, points[row])
+        point, value = polish(region, form, points[row])
         if value > best_value:
             best_point, best_value = point, value
     # The last word has the exact line search: it also crosses gaps between feasible intervals.
-    return line_ascent(region, float(constant), linear, quadratic, best_point)
+    return line_ascent(region, form, best_point)
 
 
 def optimum_draws(
@@ -245,10 +226,10 @@ def optimum_draws(
     m = len(signed)
     points, values = np.zeros((m, region.k)), np.full(m, -np.inf)
     if m and region.is_box:
-        for piece in slices(model, region, signed):
-            found, found_values = cube_maxima(piece.constant, piece.linear, piece.quadratic)
+        for template, forms in slices(model, region, signed):
+            found, found_values = cube_maxima(forms)
             better = found_values > values
-            points[better] = full_points(region, piece.template, found[better])
+            points[better] = full_points(region, template, found[better])
             values[better] = found_values[better]
     elif m:
         points, values = _constrained_draws(model, region, signed)
@@ -268,29 +249,29 @@ def _constrained_draws(model: QuadraticModel, region: Region, signed: FloatArray
     points, values = cover[best].copy(), scores[best, np.arange(m)]
     merit = np.full((len(pieces), m), -np.inf)
     starts, anchors = np.zeros((len(pieces), m, region.k)), np.zeros((len(pieces), region.k))
-    for index, piece in enumerate(pieces):
-        found, found_values = cube_maxima(piece.constant, piece.linear, piece.quadratic)
-        full = full_points(region, piece.template, found)
+    for index, (template, forms) in enumerate(pieces):
+        found, found_values = cube_maxima(forms)
+        full = full_points(region, template, found)
         better = region.feasible(full, tol=0.0) & (found_values > values)
         points[better], values[better] = full[better], found_values[better]
-        rows = np.flatnonzero(np.all(cover[:, held] == piece.template[held], axis=1))
+        rows = np.flatnonzero(np.all(cover[:, held] == template[held], axis=1))
         if len(rows):
             top = np.argmax(scores[rows], axis=0)
             starts[index], anchors[index] = cover[rows[top]], deepest(region, cover[rows])
             merit[index] = np.where(found_values > values, scores[rows[top], np.arange(m)], -np.inf)
     rank = np.argsort(np.argsort(-merit, axis=0, kind="stable"), axis=0, kind="stable")
     rng = np.random.default_rng(20_023)
-    for index, piece in enumerate(pieces):
+    for index, (_, forms) in enumerate(pieces):
         todo = np.flatnonzero((rank[index] < 2) & np.isfinite(merit[index]))
         if len(todo):
-            _improve(region, piece, todo, starts[index, todo], anchors[index], points, values, rng)
+            _improve(region, forms.take(todo), todo, starts[index, todo], anchors[index], points, values, rng)
     return points, values
 
 
 def _improve(
     region: Region,
-    piece: Slice,
-    todo: np.ndarray[tuple[int, ...], np.dtype[np.intp]],
+    forms: Quadratics,
+    todo: IntArray,
     starts: FloatArray,
     anchor: FloatArray,
     points: FloatArray,
@@ -298,9 +279,9 @@ def _improve(
     rng: np.random.Generator,
 ) -> None:
     """Climb for some draws at one combination of levels; ``points`` and ``values`` are updated in place."""
-    constant, linear, quadratic = piece.constant[todo], piece.linear[todo], piece.quadratic[todo]
+    constant, linear, quadratic = forms
     inside = np.broadcast_to(anchor, starts.shape)
-    found, found_values = climb(region, constant, linear, quadratic, starts, inside, rng, steps=24)
+    found, found_values = climb(region, forms, starts, inside, rng, steps=24)
     # Draws have neighbouring optima: each tries what the others found, then finishes its own climb.
     shared = found[:: max(1, len(found) // 200)]
     x = shared[:, list(region.continuous)]
@@ -308,6 +289,6 @@ def _improve(
     other = np.argmax(table, axis=1)
     swap: BoolArray = table[np.arange(len(todo)), other] > found_values
     found[swap] = shared[other[swap]]
-    found, found_values = climb(region, constant, linear, quadratic, found, inside, rng)
+    found, found_values = climb(region, forms, found, inside, rng)
     better = found_values > values[todo]
     points[todo[better]], values[todo[better]] = found[better], found_values[better]

@@ -9,7 +9,7 @@ import pytest
 
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
-from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.quadratic import QuadraticModel, Quadratics
 from seqrsm.design.region import Region
 from seqrsm.fit import constrained
 from seqrsm.fit.constrained import climb, polish, retract
@@ -193,7 +193,7 @@ def test_no_draws_give_no_points() -> None:
 
 
 def test_cube_without_coordinates() -> None:
-    points, values = cube_maxima(np.array([2.0, 3.0]), np.zeros((2, 0)), np.zeros((2, 0, 0)))
+    points, values = cube_maxima(Quadratics(np.array([2.0, 3.0]), np.zeros((2, 0)), np.zeros((2, 0, 0))))
     assert points.shape == (2, 0)
     np.testing.assert_array_equal(values, [2.0, 3.0])
 
@@ -294,26 +294,26 @@ def test_climb_never_descends() -> None:
     model, region = cube(2, "x0 ** 2 + x1 ** 2 <= 0.25")
     rng = np.random.default_rng(9)
     starts = region.sample(50, rng)
-    c, b, B = model.forms(rng.normal(size=(50, model.p)))
+    c, b, B = forms = model.forms(rng.normal(size=(50, model.p)))
     before = c + np.sum(b * starts, axis=1) + np.einsum("ni,nij,nj->n", starts, B, starts)
-    points, values = climb(region, c, b, B, starts, np.zeros((50, 2)), rng)
+    points, values = climb(region, forms, starts, np.zeros((50, 2)), rng)
     assert (values >= before).all()
     assert region.feasible(points, tol=0.0).all()
 
 
 def test_a_search_that_ends_outside_is_drawn_back(monkeypatch: pytest.MonkeyPatch) -> None:
     model, region = cube(2, "x0 ** 2 + x1 ** 2 <= 0.25")
-    c, b, B = model.forms(np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    form = model.forms(np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
 
     class Outside:
         x = np.array([0.9, 0.0])
 
     monkeypatch.setattr(constrained.scipy.optimize, "minimize", lambda *_args, **_kwargs: Outside())
-    point, value = polish(region, float(c), b, B, np.zeros(2))
+    point, value = polish(region, form, np.zeros(2))
     assert region.feasible(point[None, :], tol=0.0)[0]
     assert value == pytest.approx(0.5, abs=1e-4)
     Outside.x = np.array([np.nan, 0.0])
-    point, value = polish(region, float(c), b, B, np.array([0.1, 0.0]))
+    point, value = polish(region, form, np.array([0.1, 0.0]))
     np.testing.assert_array_equal(point, [0.1, 0.0])
     assert value == pytest.approx(0.1)
 
@@ -324,9 +324,9 @@ def test_active_bounds_prove_what_enumeration_finds(monkeypatch: pytest.MonkeyPa
         root = rng.normal(size=(300, q, q))
         quadratic = -root @ root.transpose(0, 2, 1) + np.where(rng.random((300, 1, 1)) < 0.3, 0.8, 0.0) * np.eye(q)
         linear = rng.normal(size=(300, q)) * rng.choice([0.3, 3.0, 30.0], size=(300, 1))
-        points, values = cube_maxima(np.zeros(300), linear, quadratic)
+        points, values = cube_maxima(Quadratics(np.zeros(300), linear, quadratic))
         with monkeypatch.context() as patch:
-            patch.setattr("seqrsm.fit.faces.well_curved", lambda linear, _: np.zeros(len(linear), dtype=np.bool_))
-            enumerated, best = cube_maxima(np.zeros(300), linear, quadratic)
+            patch.setattr("seqrsm.fit.faces.well_curved", lambda forms: np.zeros(len(forms.linear), dtype=np.bool_))
+            enumerated, best = cube_maxima(Quadratics(np.zeros(300), linear, quadratic))
         np.testing.assert_allclose(values, best, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(points, enumerated, atol=1e-9)
