@@ -20,10 +20,9 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import SpecError
 from seqrsm.fit.optimum import sign_of
-from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, propose_batch
+from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, Proposal, Spread, propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import Runs, new_blocks, propose_from_process
-from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec

@@ -14,8 +14,8 @@ from seqrsm.arrays import BoolArray, FloatArray, IntArray, first_of_largest
 from seqrsm.design.region import Region
 from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
+from seqrsm.propose.batch import Proposal
 from seqrsm.propose.candidates import clear_of
-from seqrsm.propose.criteria import Proposal
 from seqrsm.propose.known import percent
 from seqrsm.remember import recalled
 

@@ -14,10 +14,10 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum_draws
-from seqrsm.propose import criteria, known
-from seqrsm.propose.batch import FOR_THE_OPTIMUM, propose_batch
+from seqrsm.propose import batch as batches
+from seqrsm.propose import known
+from seqrsm.propose.batch import FOR_THE_OPTIMUM, Optimum, Proposal, Spread, propose_batch
 from seqrsm.propose.candidates import Search, Source
-from seqrsm.propose.criteria import Optimum, Proposal, Spread
 from seqrsm.propose.known import VALUE, Evidence, Sought, downdate, optimum_targets, unscaled_covariance
 
 RNG_SEED = 11
@@ -55,7 +55,7 @@ def propose(
     evidence = Evidence(given.pop("Z_done"), given.pop("points_done"), **facts)
     sought = Sought(given.pop("x_hat"), given.pop("target_points"))
     source = Source(**{name: given.pop(name) for name in ("rows", "cost") if name in given})
-    plan = [(criteria.Testing, spread_share), (Optimum, 1.0 - spread_share)]
+    plan = [(batches.Testing, spread_share), (Optimum, 1.0 - spread_share)]
     plan = given.pop("plan", plan)
     return propose_batch(model, region, evidence, sought, n, plan, source=source, **given)
 
@@ -216,7 +216,7 @@ def test_repeats_are_exact_copies_of_executed_settings(
     make: Callable[[], dict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To the bit, of a run made or of one chosen before it: else they tell nothing of pure error."""
-    monkeypatch.setattr(criteria, "MIN_DF_PURE_ERROR", 40)
+    monkeypatch.setattr(batches, "MIN_DF_PURE_ERROR", 40)
     data = make() | {"df_pure_error": 0}
     executed = [tuple(point) for point in data["points_done"]]
     purposes = []
