@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -128,7 +128,7 @@ def scan_geometry(
     _refuse(problems, n_sweeps, n_samples)
     along = beam_integral(radiometer)
     look_rad = np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64)
-    return ScanGeometry(
+    scan = ScanGeometry(
         height_m=height_m,
         from_m=height_m,
         beamwidth_rad=beta,
@@ -145,8 +145,9 @@ def scan_geometry(
         n_lines=math.ceil(n_sweeps / sweeps_a_line),
         along=along,
         across=smeared(along, smear),
-        notes=_notes(radiometer, advance, sweeps_a_line, dwell_ms, smear, half_angle, edge - 0.5 * beta),
+        notes=(),
     )
+    return replace(scan, notes=_notes(radiometer, scan, edge - 0.5 * beta))
 
 
 def _conical_geometry(
@@ -224,17 +225,10 @@ def _problems(radiometer: RadiometerConfiguration, height_m: float, advance: flo
     return problems
 
 
-def _notes(
-    radiometer: RadiometerConfiguration,
-    advance: float,
-    sweeps_a_line: int,
-    dwell_ms: float,
-    smear: float,
-    half_angle: float,
-    outermost: float,
-) -> tuple[str, ...]:
+def _notes(radiometer: RadiometerConfiguration, scan: ScanGeometry, outermost: float) -> tuple[str, ...]:
     """What the combination of parameters does, in words; ``outermost``: beam that sees the edges of the scene [rad]."""
     notes = []
+    advance, smear, half_angle = scan.sweep_advance_m, scan.smear, scan.half_angle_rad
     covered = radiometer.resolution_m / advance
     if covered < 1.0 - 1e-9:
         notes.append(
@@ -242,17 +236,17 @@ def _notes(
             f"({100.0 * covered:.0f} %); unseen ground takes the value of the nearest footprint"
         )
     elif covered > 1.0 + 1e-9:
-        used = (
-            f"{sweeps_a_line} at a time are averaged into a line" if sweeps_a_line > 1 else "only the nearest is used"
-        )
+        several = f"{scan.sweeps_a_line} at a time are averaged into a line"
+        used = several if scan.sweeps_a_line > 1 else "only the nearest is used"
         notes.append(f"overlap at nadir: each point is seen by {covered:.3g} sweeps; {used}")
     if smear > 1.0:
         notes.append(
-            f"smear: an integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of {dwell_ms:.4g} ms: "
-            f"footprints are {smear:.3g} beams long"
+            f"smear: an integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of "
+            f"{scan.dwell_ms:.4g} ms: footprints are {smear:.3g} beams long"
         )
     elif 0.0 < smear < 0.5:
-        notes.append(f"idle time: {100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not integrated")
+        idle = f"{100.0 * (1.0 - smear):.0f} % of the dwell of {scan.dwell_ms:.4g} ms"
+        notes.append(f"idle time: {idle} is not integrated")
     if half_angle < outermost:
         notes.append("narrow sweep: it does not reach the edges of the scene; ground beyond it is not scored")
     if half_angle > _WIDEST_RAD:
