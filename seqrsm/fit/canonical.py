@@ -28,7 +28,7 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor
-from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.quadratic import QuadraticModel, Quadratics
 from seqrsm.design.region import Region
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
@@ -97,9 +97,9 @@ class StationaryPoint(CanonicalForm):
     warning: str
 
 
-def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -> CanonicalForm:
-    """Canonical analysis of a quadratic ``c + x'b + x'Bx``, ``linear`` b (q,) and ``quadratic`` B (q, q), symmetric."""
-    values, vectors = np.linalg.eigh(quadratic)
+def canonical_form(surface: Quadratics) -> CanonicalForm:
+    """Canonical analysis of one quadratic."""
+    values, vectors = np.linalg.eigh(surface.quadratic)
     values, vectors = values[::-1].copy(), vectors[:, ::-1].copy()
     q = len(values)
     if q:
@@ -109,7 +109,7 @@ def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -
     top = float(size.max(initial=0.0))
     singular = size <= q * np.finfo(float).eps * top
     flat: BoolArray = singular | (size < FLAT * top)
-    projected = vectors.T @ linear
+    projected = vectors.T @ surface.linear
     if top == 0.0:
         nothing = np.full(q, np.nan)
         return CanonicalForm(nothing, nothing.copy(), float("nan"), "none", values, vectors, flat)
@@ -123,8 +123,7 @@ def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray) -
         kind = "ridge"
     else:
         kind = "maximum" if kept.max() < 0.0 else "minimum"
-    value = float(constant + point @ linear + point @ quadratic @ point)
-    return CanonicalForm(point, exact, value, kind, values, vectors, flat)
+    return CanonicalForm(point, exact, surface.at(point), kind, values, vectors, flat)
 
 
 def stationary_point(
@@ -148,7 +147,7 @@ def stationary_point(
         Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
     """
     surface = model.forms(beta, levels)
-    form = canonical_form(float(surface.constant), surface.linear, surface.quadratic)
+    form = canonical_form(surface)
     point = _full_point(region, form.point, levels)
     exact = _full_point(region, form.exact_point, levels)
     inside, exact_inside = (bool(np.all(np.isfinite(at)) and _inside(region, at)) for at in (point, exact))

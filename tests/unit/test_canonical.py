@@ -7,7 +7,7 @@ import pytest
 
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
-from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.quadratic import QuadraticModel, Quadratics
 from seqrsm.design.region import Region
 from seqrsm.fit import canonical
 from seqrsm.fit.canonical import canonical_form, stationary_point, within_error
@@ -29,7 +29,7 @@ from seqrsm.fit.least_squares import fit_least_squares
 def test_kind_follows_the_signs_of_the_eigenvalues(diagonal: tuple[float, float], kind: str) -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     B = turn @ np.diag(diagonal) @ turn.T
-    form = canonical_form(1.0, np.array([0.3, 0.1]), B)
+    form = canonical_form(Quadratics(np.array(1.0), np.array([0.3, 0.1]), B))
     assert form.kind == kind
     np.testing.assert_allclose(form.eigenvalues, sorted(diagonal, reverse=True), atol=1e-14)
     np.testing.assert_allclose(form.eigenvectors @ np.diag(form.eigenvalues) @ form.eigenvectors.T, B, atol=1e-14)
@@ -40,14 +40,14 @@ def test_gradient_vanishes_at_the_stationary_point(monkeypatch: pytest.MonkeyPat
     rng = np.random.default_rng(2)
     A = rng.normal(size=(5, 5))
     b, B = rng.normal(size=5), A + A.T
-    form = canonical_form(0.0, b, B)
+    form = canonical_form(Quadratics(np.array(0.0), b, B))
     np.testing.assert_allclose(b + 2.0 * B @ form.point, 0.0, atol=1e-11)
     np.testing.assert_array_equal(form.point, form.exact_point)
 
 
 def test_ridge_point_has_no_part_along_the_flat_axis() -> None:
     B = np.diag([-4.0, -0.1])
-    form = canonical_form(0.0, np.array([1.0, 1.0]), B)
+    form = canonical_form(Quadratics(np.array(0.0), np.array([1.0, 1.0]), B))
     np.testing.assert_allclose(form.point, [0.125, 0.0], atol=1e-15)
     np.testing.assert_allclose(form.exact_point, [0.125, 5.0])
     assert form.flat.tolist() == [True, False]
@@ -55,7 +55,7 @@ def test_ridge_point_has_no_part_along_the_flat_axis() -> None:
 
 def test_singular_surface_has_no_exact_point(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(canonical, "FLAT", 0.0)
-    form = canonical_form(0.0, np.array([1.0, 0.0]), np.diag([-4.0, 0.0]))
+    form = canonical_form(Quadratics(np.array(0.0), np.array([1.0, 0.0]), np.diag([-4.0, 0.0])))
     assert np.isnan(form.exact_point).all()
     np.testing.assert_allclose(form.point, [0.125, 0.0])
 
