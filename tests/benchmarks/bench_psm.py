@@ -292,7 +292,7 @@ def stages(s: Scene, r: RadarConfiguration) -> list[tuple[str, float]]:
     grid = echo_grid(frame, r)
     image = simulate_radar(s, r, TABLE, seed=1, run_id=1)
     n = max(20_000_000 // s.elevation_m.size, 7)
-    one_pass = best_of(n, lambda: echo_sums(frame, r, grid, lut, factor))
+    one_pass = best_of(n, lambda: echo_sums(r, grid, lut, factor))
     table = best_of(n, lambda: sigma0_lut(looks, occasion))
     whole = best_of(n, lambda: simulate_radar(s, r, TABLE, seed=1, run_id=1))
     tone = best_of(n, lambda: picture(image))

@@ -29,7 +29,7 @@ def rough(n, m, step, seed=0):
 
 def binned(p, r, first=-400, n_bins=3000):
     grid = dataclasses.replace(p.grid, first=first, n_bins=n_bins)
-    return echo_sums(p.frame, r, grid, lut_of(lambda theta: 0.0 * theta + 0.1), np.ones((1, 1)))
+    return echo_sums(r, grid, lut_of(lambda theta: 0.0 * theta + 0.1), np.ones((1, 1)))
 
 
 def quiet(s, r, table=None, **options):

@@ -38,10 +38,11 @@ def block(k: int, n_rows: int, parts: int) -> tuple[slice, slice]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EchoGrid:
-    """Numbers of each row of a frame that the kernels work with.
+    """A frame, and the numbers of each of its rows that the kernels work with.
 
     Attributes
     ----------
+    frame : RadarFrame
     geometry : float64 array (n, 10)
         See `kernels.sum_echoes`.
     rows : float64 array (n, 14)
@@ -57,6 +58,7 @@ class EchoGrid:
         Azimuth cells in a pixel, and columns of pixels.
     """
 
+    frame: RadarFrame
     geometry: FloatArray
     rows: FloatArray
     base: FloatArray
@@ -152,7 +154,7 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
     rows = _row_numbers(geometry, cell, ground_format)
     n_bins, cells_a_pixel = max(last - first + 1, 1), float(frame.wrapped) or radar.pixel_spacing_m / cell
     n_azimuth = max(math.ceil(frame.elevation_m.shape[1] / cells_a_pixel - 1e-9), 1)
-    return EchoGrid(geometry, rows, base, first, n_bins, reference, cells_a_pixel, n_azimuth)
+    return EchoGrid(frame, geometry, rows, base, first, n_bins, reference, cells_a_pixel, n_azimuth)
 
 
 def _row_numbers(geometry: FloatArray, cell: float, ground_format: bool) -> FloatArray:
@@ -206,18 +208,12 @@ def paired_table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
 
 
 def echo_sums(
-    frame: RadarFrame,
-    radar: RadarConfiguration,
-    grid: EchoGrid,
-    lut: FloatArray,
-    field_factor: FloatArray,
-    threads: int = 1,
+    radar: RadarConfiguration, grid: EchoGrid, lut: FloatArray, field_factor: FloatArray, threads: int = 1
 ) -> AnyArray:
     """Power of every range bin and column, summed over the elements in it.
 
     Parameters
     ----------
-    frame : RadarFrame
     radar : RadarConfiguration
     grid : EchoGrid
         Of `echo_grid`.
@@ -234,8 +230,8 @@ def echo_sums(
         sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
         and relative to their best.
     """
-    dtype = frame.elevation_m.dtype
-    m = frame.elevation_m.shape[1]
+    dtype = grid.frame.elevation_m.dtype
+    m = grid.frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
     factor = field_factor.astype(dtype, order="C")  # in another order the kernel would be compiled once more
     found = paired_table(lut, dtype), lut.shape[1], factor, radar.pattern_lut().astype(dtype)
@@ -244,7 +240,7 @@ def echo_sums(
     edges = [k * m // parts for k in range(parts + 1)]
 
     def do(k: int) -> None:
-        _sum_echoes(radar, frame, grid, found, (edges[k], edges[k + 1]), out, unseen)
+        _sum_echoes(radar, grid, found, (edges[k], edges[k + 1]), out, unseen)
 
     do_all(do, len(edges) - 1, threads)
     return out
@@ -252,7 +248,6 @@ def echo_sums(
 
 def _sum_echoes(
     radar: RadarConfiguration,
-    frame: RadarFrame,
     grid: EchoGrid,
     tables: tuple[AnyArray, int, AnyArray, AnyArray],
     columns: tuple[int, int],
@@ -260,6 +255,7 @@ def _sum_echoes(
     seen: tuple[AnyArray, AnyArray],
 ) -> None:
     """Some columns of a frame by the kernel; ``tables``: sigma0, its categories, factors of fields, antenna pattern."""
+    frame = grid.frame
     layers = frame.elevation_m, frame.top_m, frame.source, frame.cover, frame.field
     ranges = grid.geometry, grid.rows.astype(frame.elevation_m.dtype), radar.range_format == "ground"
     sigma0, n_categories, factor, pattern = tables
@@ -269,11 +265,12 @@ def _sum_echoes(
     )
 
 
-def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
+def pixels_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> AnyArray:
     """Pixel (rows, cols) of each cell of a scene, by its own elevation alone: nothing else need be known of the echo.
 
     Row by row of the image; -1 without data or outside the image.
     """
+    frame = grid.frame
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first = int(frame.source[frame.pad_near])
     rows = slice(first, first + frame.n_rows)
@@ -301,9 +298,9 @@ def pixels_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, 
     return pixel
 
 
-def state_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, grid: EchoGrid) -> AnyArray:
+def state_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> AnyArray:
     """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols)."""
-    n_categories = len(scene.categories)
+    frame, n_categories = grid.frame, len(scene.categories)
     shape = (len(frame.source), frame.elevation_m.shape[1])
     dtype = frame.elevation_m.dtype
     offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
@@ -311,7 +308,7 @@ def state_of_cells(scene: Scene, radar: RadarConfiguration, frame: RadarFrame, g
     sigma0 = np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
     tables = sigma0, n_categories, np.empty((0, 0), dtype=dtype), np.empty(0, dtype=dtype)
     nothing = np.empty((0, grid.n_bins, shape[1]), dtype=dtype)
-    _sum_echoes(radar, frame, grid, tables, (0, shape[1]), nothing, (offset, state))
+    _sum_echoes(radar, grid, tables, (0, shape[1]), nothing, (offset, state))
     kernels.mark_layover(offset, grid.base[1:-1], state)
     del offset
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)

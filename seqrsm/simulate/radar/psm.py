@@ -87,17 +87,17 @@ def simulate_radar(
     SceneError
         No cell has an elevation, or a target lies outside the scene.
     """
-    frame, grid, registration = _geometry(scene, radar, precision)
+    grid, registration = _geometry(scene, radar, precision)
     key = {"seed": seed, "run_id": run_id}
     state = draw_ground_state(radar, visit, **key)
     lookups = look_up(scene, radar, table, state, visit.day)
     occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
-    sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
+    sums = echo_sums(radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     if targets:
-        add_targets(sums, targets, scene.shape, radar, frame, grid)
+        add_targets(sums, targets, scene.shape, radar, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
-    image = _form_image(sums, scene, radar, frame, grid, registration, occasion, speckle, notes, threads)
+    image = _form_image(sums, scene, radar, grid, registration, occasion, speckle, notes, threads)
     return replace(image, table=table, day=visit.day)
 
 
@@ -106,31 +106,27 @@ def expected_image(scene: Scene, radar: RadarConfiguration, table: Sigma0Table, 
 
     What maps of covers and elevations tell of an image beforehand: cultural targets are not on them.
     """
-    frame, grid, registration = _geometry(scene, radar, "float32")
+    grid, registration = _geometry(scene, radar, "float32")
     state = nominal_ground_state(radar)
     lookups = look_up(scene, radar, table, state, day)
     nothing = np.zeros((len(lookups), len(scene.categories)))
     occasion = Occasion(*state, nothing, nothing[:, :0])
-    sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion))
+    sums = echo_sums(radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion))
     still, unused = replace(radar, fading="none"), (np.uint32(0), np.uint32(0))
-    return _form_image(sums, scene, still, frame, grid, registration, occasion, unused, (), 1)
+    return _form_image(sums, scene, still, grid, registration, occasion, unused, (), 1)
 
 
 @cached_by_thread(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
-def _geometry(
-    scene: Scene, radar: RadarConfiguration, precision: Precision
-) -> tuple[RadarFrame, EchoGrid, Callable[[], AnyArray]]:
-    """Frame and grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
-    frame = make_frame(scene, radar, precision)
-    grid = echo_grid(frame, radar)
-    return frame, grid, cache(partial(pixels_of_cells, scene, radar, frame, grid))
+def _geometry(scene: Scene, radar: RadarConfiguration, precision: Precision) -> tuple[EchoGrid, Callable[[], AnyArray]]:
+    """Grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
+    grid = echo_grid(make_frame(scene, radar, precision), radar)
+    return grid, cache(partial(pixels_of_cells, scene, radar, grid))
 
 
 def _form_image(
     sums: AnyArray,
     scene: Scene,
     radar: RadarConfiguration,
-    frame: RadarFrame,
     grid: EchoGrid,
     registration: Callable[[], AnyArray],
     occasion: Occasion,
@@ -139,14 +135,14 @@ def _form_image(
     threads: int,
 ) -> RadarImage:
     """Phase two: resolution cells, receiver noise, fading and receiver."""
-    n = grid.n_bins
+    frame, n = grid.frame, grid.n_bins
     # The last entry is the centre of the swath.
-    flat = range_geometry(_places(frame, radar, grid), frame.height_m, frame.curved)
+    flat = range_geometry(_places(radar, grid), frame.height_m, frame.curved)
     incidence = flat.incidence_rad
     calibration = radar.received_power_w(incidence, flat.slant_range_m, incidence - flat.turn_rad)
     slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
     looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
-    mean, smeared = _mean_power(sums, radar, frame, grid, (slant, theta, ground_range), threads)
+    mean, smeared = _mean_power(sums, radar, grid, (slant, theta, ground_range), threads)
     power = _faded(mean, noise, looks, radar, speckle, threads)
     return RadarImage(
         intensity=received(power, radar, float(calibration[n])),
@@ -161,7 +157,7 @@ def _form_image(
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
         registration=registration,
-        state=cache(partial(state_of_cells, scene, radar, frame, grid)),
+        state=cache(partial(state_of_cells, scene, radar, grid)),
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,
@@ -171,9 +167,9 @@ def _form_image(
     )
 
 
-def _places(frame: RadarFrame, radar: RadarConfiguration, grid: EchoGrid) -> FloatArray:
+def _places(radar: RadarConfiguration, grid: EchoGrid) -> FloatArray:
     """Ground range of the middle of every image row on flat ground, and of the centre of the swath [m]."""
-    out = np.empty(grid.n_bins + 1)
+    frame, out = grid.frame, np.empty(grid.n_bins + 1)
     position = (grid.first + 0.5 + np.arange(grid.n_bins)) * radar.range_spacing_m
     if radar.range_format == "ground":
         ground = frame.near_edge_m + position
@@ -189,7 +185,6 @@ def _places(frame: RadarFrame, radar: RadarConfiguration, grid: EchoGrid) -> Flo
 def _mean_power(
     sums: AnyArray,
     radar: RadarConfiguration,
-    frame: RadarFrame,
     grid: EchoGrid,
     flat: tuple[FloatArray, FloatArray, FloatArray],
     threads: int,
@@ -199,7 +194,7 @@ def _mean_power(
     ``flat``: slant range [m], incidence [rad] and ground range [m] of flat ground in each row.
     """
     slant, theta, ground_range = flat
-    n = grid.n_bins
+    frame, n = grid.frame, grid.n_bins
     across, along = np.asarray(radar.ground_resolution_m(theta)), radar.azimuth_resolution_m(slant)
     # Ground range of one bin on flat ground, so that the sum over a bin becomes that of one single-look cell.
     bin_ground = radar.range_spacing_m / (1.0 if radar.range_format == "ground" else np.sin(theta))

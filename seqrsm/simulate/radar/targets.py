@@ -153,7 +153,6 @@ def add_targets(
     targets: Sequence[CulturalTarget],
     scene_shape: tuple[int, int],
     radar: RadarConfiguration,
-    frame: RadarFrame,
     grid: EchoGrid,
 ) -> None:
     """Add the echoes of targets to the range bins; one hidden by the ground in front of it returns nothing.
@@ -165,7 +164,7 @@ def add_targets(
     targets : sequence of CulturalTarget
     scene_shape : tuple of int
         Rows and columns of the scene.
-    radar, frame, grid
+    radar, grid
         As in `echo_sums`.
 
     Raises
@@ -174,7 +173,7 @@ def add_targets(
         A target lies outside the scene.
     """
     check_targets(targets, scene_shape)
-    m = sums.shape[2]
+    frame, m = grid.frame, sums.shape[2]
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first_row = int(frame.source[frame.pad_near])
     flat = range_geometry(frame.ground_range_m, frame.height_m, frame.curved)
