@@ -22,7 +22,6 @@ from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import surface_of
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.estimability import SETTINGS_KNOWN, missing_runs
 from seqrsm.fit.least_squares import AliasedError, LeastSquaresFit, block_columns, fit_least_squares
@@ -52,23 +51,20 @@ def fit_application(
     region = spec.region
     data = scored_runs(region, runs, application.name)
     see_names(spec, runs, application.name)
-    model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
     try:
-        fit = fit_surface(spec, region, model, data, scale)
+        fit = fit_surface(spec, data, scale)
     except FitError as error:
         field = f"application '{application.name}'" if len(spec.applications) > 1 else None
         raise FitError(*(replace(problem, field=field) for problem in error.problems)) from None
-    surface = surface_of(spec, model, data, scale, fit, ground)
+    surface = surface_of(spec, data, scale, fit, ground)
     departure = weigh_departure(surface, spec.seed, application.prior is not None)
     if "flight" in data.sources:  # over the real ground
         ground = None
-    return Fitted(application, region, model, data, scale, surface.fit, surface, departure, ground)
+    return Fitted(application, region, surface.model, data, scale, surface.fit, surface, departure, ground)
 
 
-def fit_surface(
-    spec: CampaignSpec, region: Region, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
-) -> LeastSquaresFit:
+def fit_surface(spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale) -> LeastSquaresFit:
     """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
 
     Raises
@@ -76,7 +72,7 @@ def fit_surface(
     FitError
         Fewer scores than terms, or terms that the runs cannot tell apart: with runs that would mend it.
     """
-    labels = block_labels(spec, data)
+    model, labels = spec.quadratic, block_labels(spec, data)
     columns, names = block_columns(labels)
     n, needed = len(data.scores), model.p + len(names)
     if n < needed:
@@ -87,7 +83,7 @@ def fit_surface(
         if n >= model.p and 2 * len(names) >= n:  # each further run would bring a block
             message += f", {len(names)} of them for blocks"
             raise FitError(message, f"Blocks need several runs each: {_ONE_MORE}, or omit the block.")
-        raise FitError(message, _remedy(region, model, data, "Score more runs", needed - n))
+        raise FitError(message, _remedy(spec, data, "Score more runs", needed - n))
     Z = np.hstack([model.matrix(data.points), columns])
     try:
         return fit_least_squares(
@@ -101,14 +97,13 @@ def fit_surface(
             tolerance=SETTINGS_KNOWN,
         )
     except AliasedError as error:
-        remedy = _remedy(region, model, data, "Add runs", n_aliased=error.n_dependent)
+        remedy = _remedy(spec, data, "Add runs", n_aliased=error.n_dependent)
         raise FitError(replace(error.problems[0], remedy=remedy)) from None
 
 
-def _remedy(
-    region: Region, model: QuadraticModel, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0
-) -> str:
+def _remedy(spec: CampaignSpec, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0) -> str:
     """Runs that would make every term estimable, in words; or why none would."""
+    model, region = spec.quadratic, spec.region
     missing, unresolved = missing_runs(model, region, data.points)
     missing_of_first, unresolved_of_first = missing_runs(QuadraticModel(region.factors, 1), region, data.points)
     plain = model.order == 2 and not unresolved_of_first and (bool(unresolved) or not len(missing_of_first))

@@ -23,7 +23,7 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum
 
 
-def stated_prior(spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel) -> NormalInverseGamma | None:
+def stated_prior(spec: CampaignSpec, application: ApplicationSpec) -> NormalInverseGamma | None:
     """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none."""
     known = application.prior
     if known is None or known.utility is None:
@@ -39,7 +39,7 @@ def stated_prior(spec: CampaignSpec, application: ApplicationSpec, model: Quadra
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
         optimum[name] = stated.value, stated.doubt
     return elicited_prior(
-        model,
+        spec.quadratic,
         spec.region,
         (low, high),
         probability=known.probability,
@@ -88,7 +88,7 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
 
     They hold the bounds that are stated of effects, but for those that the scores contradict and no sampler can hold.
     """
-    stated = stated_prior(spec, fitted.application, fitted.model)
+    stated = stated_prior(spec, fitted.application)
     bounds = stated_bounds(fitted.application, fitted.model)
 
     def draws(held: LinearBounds | None) -> Draws:

@@ -199,7 +199,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
         Weights from standard errors or counts that some scores do not have.
     """
     columns, _ = block_columns(block_labels(spec, data))
-    Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
+    Z = np.hstack([spec.quadratic.matrix(data.points), columns])
     if not len(data.scores):  # the fit says what is missing
         return ResponseScale.of("identity", data.scores, Z)
     if spec.of_counts:

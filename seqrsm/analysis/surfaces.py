@@ -167,7 +167,7 @@ class Surface:
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Its blocks as a random effect, fitted for this where they are constants; None where errors know none."""
-        return random_blocks(spec, self.model, self.data, self.scale, self.fit) if self.errors.random_blocks else None
+        return random_blocks(spec, self.data, self.scale, self.fit) if self.errors.random_blocks else None
 
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
@@ -332,7 +332,7 @@ def _of_fixed(contrasts: FloatArray) -> Blocks | None:
 
 
 def expected_of_flights(
-    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, ground: Ground | None
+    spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale, ground: Ground | None
 ) -> tuple[float, float]:
     """How flights may differ from simulations: `fit_sources`' ``prior_sd`` and ``ratio``.
 
@@ -341,17 +341,12 @@ def expected_of_flights(
     """
     if ground is None or ground.sd_ground == 0.0 or scale.kind != "identity":
         return spec.model.discrepancy_sd or guessed_sd(scale.values), 1.0
-    prior_sd = spec.model.discrepancy_sd or prior_of_difference(ground, model, data.points)
+    prior_sd = spec.model.discrepancy_sd or prior_of_difference(ground, spec.quadratic, data.points)
     return prior_sd, 1.0 / (1.0 - ground.share)
 
 
 def surface_of(
-    spec: CampaignSpec,
-    model: QuadraticModel,
-    data: ScoredRuns,
-    scale: ResponseScale,
-    fit: LeastSquaresFit,
-    ground: Ground | None,
+    spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit, ground: Ground | None
 ) -> Surface:
     """The surface that runs and specification call for; ``ground`` tells how flights may differ from simulations.
 
@@ -360,16 +355,17 @@ def surface_of(
     FitError
         What the structure cannot be fitted to, `random_blocks`.
     """
+    model = spec.quadratic
     given = (spec.errors, model, data, scale, fit)
     if spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1:
-        days = random_blocks(spec, model, data, scale, fit)
+        days = random_blocks(spec, data, scale, fit)
         note = f"{days.reason[:1].upper()}{days.reason[1:]}." if days.reason else ""
         # random blocks are no terms
         return RandomBlocks(*given, days.estimate, days.s_new_day, int(days.df), model.p, note, days)
     if len(set(data.sources)) == 1:
         return Surface(*given, fit.estimate[: model.p], fit.s, fit.df_residual, fit.n_terms, "")
     flights = np.array([source == "flight" for source in data.sources])
-    prior_sd, ratio = expected_of_flights(spec, model, data, scale, ground)
+    prior_sd, ratio = expected_of_flights(spec, data, scale, ground)
     blocks = blocks_within(block_labels(spec, data), flights)
     fitted = partial(
         fit_sources, model, data.points, scale.values, flights, weights=fit.weights, extra=blocks, ratio=ratio
@@ -400,7 +396,7 @@ def surface_of(
 
 
 def random_blocks(
-    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+    spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
 ) -> RandomBlockPosterior:
     """Surface of the average block, with blocks as a random effect.
 
@@ -413,5 +409,5 @@ def random_blocks(
         remedy = 'Set [model] block_effect = "fixed".'
         raise FitError("random blocks need scores from one source; here are simulations and flights", remedy)
     labels = block_labels(spec, data)
-    Z = model.matrix(data.points)
+    Z = spec.quadratic.matrix(data.points)
     return fit_random_blocks(Z, scale.values, labels, weights=fit.weights, inflation=spec.errors.inflation)

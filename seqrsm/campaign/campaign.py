@@ -37,7 +37,6 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.guards import see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
@@ -66,9 +65,8 @@ def silent(*_: object) -> None:
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
     """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
-    model = QuadraticModel(spec.factors, spec.model.order)
     scored = (scored_runs(spec.region, runs, one.name) for one in spec.applications)
-    return min(n_determined(model, data.points, block_columns(block_labels(spec, data))[0]) for data in scored)
+    return min(n_determined(spec.quadratic, data.points, block_columns(block_labels(spec, data))[0]) for data in scored)
 
 
 class Campaign:
@@ -231,8 +229,7 @@ class Campaign:
 
     def _looked(self, runs: Sequence[RunRecord], left: int) -> tuple[Analysis, ...]:
         """Look at what is scored, where it can be fitted and something may be proposed after it; else nothing."""
-        model = QuadraticModel(self.spec.factors, self.spec.model.order)
-        if (left <= 0 and self.spec.stop.guard == "runs") or n_fitted(self.spec, runs) <= model.p:
+        if (left <= 0 and self.spec.stop.guard == "runs") or n_fitted(self.spec, runs) <= self.spec.quadratic.p:
             return ()
         analyses = self.analyse_all()
         self.record_looks(analyses)  # whoever proposes and ingests only has looked, too
@@ -242,17 +239,17 @@ class Campaign:
         self, runs: Sequence[RunRecord], n: int, source: str, own: str, analyses: Sequence[Analysis]
     ) -> list[NewRun]:
         active = [run for run in evidence(runs) if run.state in (*WAITING, "scored")]
-        model = QuadraticModel(self.spec.factors, self.spec.model.order)
+        model = self.spec.quadratic
         failed = [run for run in runs if run.state == "failed" and run.fault != "machine"]
         if not active:
-            return start_batch(self.spec, model, own, failed=failed)
+            return start_batch(self.spec, own, failed=failed)
         if not analyses:
             waiting = [run for run in active if run.state in WAITING]
             names = [one.name for one in self.spec.applications]
             sets = ([run for run in active if run.state in WAITING or run.score_of(name)] for name in names)
             active = min(sets, key=lambda made: n_determined(model, coded_settings(self.spec.region, made)))
             if not waiting or n_determined(model, coded_settings(self.spec.region, active)) <= model.p:
-                return start_batch(self.spec, model, own, active, failed, n)
+                return start_batch(self.spec, own, active, failed, n)
             message = f"the scored runs are too few for {model.p} terms, and {len(waiting)} runs are waiting"
             raise StoreError(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`).")
         return next_batch(self.spec, analyses, active, n, source, failed)
@@ -310,7 +307,7 @@ class Campaign:
         if self.spec.simulator is None or not wanted:
             return
         runs = self.store.runs("scored", source="simulation")
-        if n_fitted(self.spec, runs) <= QuadraticModel(self.spec.factors, self.spec.model.order).p:
+        if n_fitted(self.spec, runs) <= self.spec.quadratic.p:
             return
         for application in wanted:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]

@@ -28,7 +28,6 @@ from seqrsm.campaign.experiment import see_experiment
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import bundle_tasks, carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import has_course
@@ -174,7 +173,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         so far were simulated from has changed.
     """
     spec = load_spec(folder)
-    model = QuadraticModel(spec.factors, spec.model.order)
+    model = spec.quadratic
     combinations: tuple[str, ...] = ()
     if spec.simulator is not None:
         doubts = (text for settings in spec.region.decode(_centres(spec)) for text in _doubts(spec, settings))
@@ -188,11 +187,11 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         covers = scene_at(str(spec.scene_path)).categories
     start, no_start = None, ""
     try:
-        start = start_size(model, spec)
+        start = start_size(spec)
     except SpecError as error:
         no_start = error.problems[0].message + "."
     judged = [
-        _judged(spec, model, application, scatter, analyses.get(application.name), no_start)
+        _judged(spec, application, scatter, analyses.get(application.name), no_start)
         for application, scatter in zip(spec.applications, found, strict=True)
     ]
     own, *others = sorted(judged, key=lambda one: one.away, reverse=True)
@@ -215,15 +214,10 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 
 
 def _judged(
-    spec: CampaignSpec,
-    model: QuadraticModel,
-    application: ApplicationSpec,
-    simulated: _Scatter,
-    analysis: Analysis | None,
-    no_start: str,
+    spec: CampaignSpec, application: ApplicationSpec, simulated: _Scatter, analysis: Analysis | None, no_start: str
 ) -> Judged:
     """One application; ``no_start`` says why there can be no start design."""
-    found = _so_far_or(simulated, analysis)
+    model, found = spec.quadratic, _so_far_or(simulated, analysis)
     rule, (noise, share, df, source, *_) = _rule_of(spec, application, found.share, analysis), found
     surfaces = _surfaces(spec, application, found, analysis)
     unit = application.score_unit

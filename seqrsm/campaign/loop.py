@@ -18,7 +18,6 @@ from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, n_fitted,
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
 from seqrsm.store.records import WAITING, RunRecord
 
@@ -200,7 +199,7 @@ class _ClosedLoop:
         """
         spec, runs = self.campaign.spec, self.campaign.store.runs()
         fitted = n_fitted(spec, runs)
-        terms = QuadraticModel(spec.factors, spec.model.order).p
+        terms = spec.quadratic.p
         flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
         if fitted > terms or not flights:
             return fitted <= terms
@@ -211,7 +210,7 @@ class _ClosedLoop:
     def _refuse_less_than_a_start(self, budget: int) -> None:
         """A smaller budget for one call ends the campaign early, and nothing else; the initial design is made whole."""
         spec = self.campaign.spec
-        least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
+        least = start_size(spec)
         if budget < least and self.campaign.store.n_used() == 0:
             remedy = f"Give {least} or more, or omit it."
             raise UserError(f"the initial design has {least} runs", remedy, field="--max-runs", value=budget)

@@ -16,7 +16,6 @@ from seqrsm.analysis.surfaces import expected_of_flights
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import SpecError
 from seqrsm.fit.optimum import sign_of
@@ -43,7 +42,7 @@ _CERTAIN = 0.99
 there. Once the quadratic is refuted, the process itself tells where to look; see `reports/peers`."""
 
 
-def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
+def start_size(spec: CampaignSpec) -> int:
     """Runs of the initial design: at most the budget.
 
     Raises
@@ -51,6 +50,7 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
     SpecError
         The budget cannot even determine the model and its noise.
     """
+    model = spec.quadratic
     least = model.p + CENTRE_REPEATS - 1
     if spec.stop.max_runs < least:
         message = f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise"
@@ -61,12 +61,7 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
 
 
 def start_batch(
-    spec: CampaignSpec,
-    model: QuadraticModel,
-    source: str,
-    made: Sequence[RunRecord] = (),
-    failed: Sequence[RunRecord] = (),
-    of_day: int = 1,
+    spec: CampaignSpec, source: str, made: Sequence[RunRecord] = (), failed: Sequence[RunRecord] = (), of_day: int = 1
 ) -> list[NewRun]:
     """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``.
 
@@ -74,7 +69,7 @@ def start_batch(
     """
     from seqrsm.design.optimal import start_design
 
-    n = start_size(model, spec)
+    model, n = spec.quadratic, start_size(spec)
     fixed = coded_settings(spec.region, made)
     determined = n_determined(model, fixed)
     blocked = determined > model.p
@@ -145,7 +140,7 @@ class _Chooser:
 
     def __init__(self, spec: CampaignSpec, analysis: Analysis) -> None:
         self.spec, self.analysis = spec, analysis
-        self.model = QuadraticModel(spec.factors, spec.model.order)
+        self.model = spec.quadratic
         self.target = analysis.optimum.point
 
     def batch(
@@ -234,7 +229,7 @@ class _Chooser:
         fitted, found = self.analysis.fitted, self.analysis.sources
         if found is not None:
             return found.both.prior_sd, found.both.flight_weight, found.both.s_simulation
-        expected = expected_of_flights(self.spec, self.model, fitted.data, self.analysis.scale, fitted.ground)
+        expected = expected_of_flights(self.spec, fitted.data, self.analysis.scale, fitted.ground)
         return *expected, self.analysis.fit.s
 
     def weights(self, points: FloatArray) -> FloatArray:
@@ -244,7 +239,7 @@ class _Chooser:
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""
         application = self.spec.application(self.analysis.application)
-        prior = stated_prior(self.spec, application, self.model)
+        prior = stated_prior(self.spec, application)
         if two:
             sd, _, sigma = self.difference()
             return source_prior(self.model, 0, sd, sigma, prior).Lambda0

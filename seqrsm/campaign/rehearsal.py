@@ -22,7 +22,6 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import confirmation_batch, next_batch, start_batch
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.optimum import optimum, sign_of
@@ -130,7 +129,7 @@ def make_campaign(
     (application,) = spec.applications
     runs: list[RunRecord] = []
     batch = 1
-    new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), source)
+    new = start_batch(spec, source)
     blocked = spec.model.block is not None
     while True:
         new = [replace(run, block=f"day {batch}") for run in new] if blocked else new

@@ -91,6 +91,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import ValidationError
 
 from seqrsm.design.factors import Factor
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
@@ -194,6 +195,11 @@ class CampaignSpec:
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""
         return self.region.factors
+
+    @property
+    def quadratic(self) -> QuadraticModel:
+        """The model in the campaign's factors, of the order of ``[model]``."""
+        return QuadraticModel(self.factors, self.model.order)
 
     @property
     def own_source(self) -> Literal["simulation", "flight"]:

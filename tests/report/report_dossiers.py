@@ -221,7 +221,7 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
             data=data,
             scale=scale,
             fit=fit,
-            surface=surface_of(spec, model, data, scale, fit, None),
+            surface=surface_of(spec, data, scale, fit, None),
             departure=Departure(None, float("nan"), 0.0, "the scores were drawn about a quadratic"),
         ),
         importance=tuple(importance),

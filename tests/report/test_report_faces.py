@@ -415,7 +415,7 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
     fit = fit_least_squares(analysis.fit.Z, logits, list(analysis.model.terms))
     scale = dataclasses.replace(analysis.scale, kind="logit")
-    surface = surface_of(simulated.spec, analysis.model, analysis.data, scale, fit, None)
+    surface = surface_of(simulated.spec, analysis.data, scale, fit, None)
     fitted = dataclasses.replace(analysis.fitted, fit=fit, scale=scale, surface=surface)
     drawn = line(dataclasses.replace(analysis, fitted=fitted), 0)
     assert np.all((drawn.prediction.low > 0.0) & (drawn.prediction.high < 100.0))

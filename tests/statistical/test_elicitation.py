@@ -133,7 +133,7 @@ def prior_stated(folder: Path, low: float, high: float, more: str = "", response
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors)
-    prior = stated_prior(spec, spec.applications[0], model)
+    prior = stated_prior(spec, spec.applications[0])
     assert prior is not None
     return prior, model
 

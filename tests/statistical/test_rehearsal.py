@@ -20,7 +20,6 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign import rehearsal
 from seqrsm.campaign.next_runs import start_batch
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.process import Process
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.records import NewRun, NewScore, RunRecord
@@ -50,7 +49,7 @@ def known(mean: Mean, sign: float = 1.0, model: str = "", days: float = 0.0) -> 
         )
         spec = load_spec(Path(folder))
     rng = np.random.default_rng(4)
-    new = start_batch(spec, QuadraticModel(spec.factors), "flight")
+    new = start_batch(spec, "flight")
     start = spec.region.code([run.settings for run in new])
     points = np.vstack([start, rng.uniform(-1.0, 1.0, (14, 2))])
     scores = sign * (mean(points) + SIGMA * rng.standard_normal(len(points)))

@@ -154,7 +154,7 @@ def of_both(
     ]
     data = scored_runs(spec.region, runs, "a")
     model, scale = QuadraticModel(spec.factors), response_scale(spec, data)
-    found = surface_of(spec, model, data, scale, fit_surface(spec, spec.region, model, data, scale), ground)
+    found = surface_of(spec, data, scale, fit_surface(spec, data, scale), ground)
     assert isinstance(found, TwoSources)
     return model, data, scale, found
 
@@ -170,7 +170,7 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
         flights = np.arange(46) >= 40
         of_ground = np.where(flights, sd_ground * rng.standard_normal(), sd_ground * rng.standard_normal(46))
         scores = 60.0 - 5.0 * points[:, 0] ** 2 + of_ground + sd_chance * rng.standard_normal(46)
-        model, data, scale, found = of_both(spec, points, flights, scores, ground)
+        _, data, scale, found = of_both(spec, points, flights, scores, ground)
         of_process, _ = found.for_process()
         assert of_process is not None
         assert of_process.ratio == 1.0 / (1.0 - ground.share)
@@ -180,7 +180,7 @@ def test_flights_over_one_ground_are_guessed_to_scatter_by_chance_alone(tmp_path
     assert simulation == pytest.approx(np.hypot(sd_ground, sd_chance), rel=0.1)
     assert prior_sd == pytest.approx(sd_ground, rel=0.2)
     assert expected_of_flights(
-        replace(spec, model=spec.model.model_copy(update={"discrepancy_sd": 1.5})), model, data, scale, ground
+        replace(spec, model=spec.model.model_copy(update={"discrepancy_sd": 1.5})), data, scale, ground
     ) == (1.5, pytest.approx(1.0 / (1.0 - ground.share)))  # fmt: skip
 
 
@@ -281,7 +281,7 @@ def test_the_tables_prior_is_left_at_odds_of_twenty_to_one(tmp_path: Path) -> No
     scores, odds = 95.0 - 40.0 * points[:, 0] ** 2 + rng.standard_normal(44), []
     for off in np.linspace(0.0, -8.0, 33):
         model, data, scale, found = of_both(spec, points, flights, scores + off * flights, ground)
-        narrow, ratio = expected_of_flights(spec, model, data, scale, ground)
+        narrow, ratio = expected_of_flights(spec, data, scale, ground)
         given = (model, data.points, scale.values, flights)
         tables, guess = (
             fit_sources(*given, weights=scale.weights, prior_sd=sd, ratio=ratio).log_evidence
