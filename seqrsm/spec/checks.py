@@ -76,6 +76,10 @@ def model(
         elif by_counts and any(not one.is_percent for _, one in applications):
             remedy = f'Set utility = "percent_correct", or {key} = "{plain}".'
             report.add(place, f"{what} are for percentages of correct decisions", remedy, value)
+    no_percent = [one.name for _, one in applications if not one.may_be_percent]
+    if table.response == "logit" and no_percent:
+        message = f"logits are of scores from 0 to 100 percent, and those of '{no_percent[0]}' are not"
+        report.add(("model", "response"), message, 'Set response = "identity".', table.response)
     if errors.response and table.response != errors.response:
         remedy = f'Add response = "{errors.response}".'
         message = f"{errors.name} scores are modelled on the {errors.response} scale"

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
 from seqrsm.fit.optimum import Goal
-from seqrsm.score.utilities import Utility, asked_for, utility_of
+from seqrsm.score.utilities import OF_THE_USER, UTILITIES, Utility, asked_for, utility_of
 
 
 def _is_name(text: str) -> str:
@@ -111,6 +111,9 @@ class KnowledgeSpec(Table):
     effect: dict[str, Annotated[list[Bound], Field(min_length=2, max_length=2)]] = Field(default_factory=dict)
 
 
+_OF_ANY_SCALE = (UTILITIES["measured"], OF_THE_USER)
+
+
 class ApplicationSpec(Table):
     """An application: what the scores measure, and whether they are maximized or minimized."""
 
@@ -154,6 +157,11 @@ class ApplicationSpec(Table):
     def is_percent(self) -> bool:
         """Whether scores are percentages from 0 to 100."""
         return self._row.is_percent
+
+    @property
+    def may_be_percent(self) -> bool:
+        """Whether scores may be percentages: they are, or neither utility nor unit says what else."""
+        return self.is_percent or (self.score_unit in ("", "percent", "%") and self._row in _OF_ANY_SCALE)
 
     @property
     def score_limits(self) -> tuple[float, float]:

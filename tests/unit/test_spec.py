@@ -285,7 +285,7 @@ def test_one_fault(load, old, new, line, field, says):
 def test_scores_of_different_units_share_no_target(load):
     """A target of 4 percent would be met by any error in m3/m3 whatever."""
     second = '[[application]]\nname = "b"\nutility = "measured"\nunit = "m3/m3"\ngoal = "minimize"\n[stop]'
-    text = GOOD.replace("[stop]", second)
+    text = GOOD.replace("[stop]", second).replace('response = "logit"', 'response = "identity"')
     found = problems(load, text)
     assert [problem.remedy for problem in found] == [
         "Add half_width = NUMBER, in percent.",
@@ -431,6 +431,19 @@ def test_a_measured_score_has_the_units_of_its_own_that_it_is_given(load):
     text = GOOD.replace('utility = "percent_correct"', 'utility = "measured"\nunit = "dB"')
     text = text.replace('response = "logit"', 'response = "identity"')
     assert load(text).applications[0].score_unit == "dB"
+
+
+@pytest.mark.parametrize(
+    "utility", ['"measured"\nunit = "m3/m3"', '"kappa"', '"correlation"', '"mine:score"\nunit = "dB"']
+)
+def test_logits_are_of_percentages(load, utility):
+    """Of an error in m3/m3 the fit said that runs and prior left terms undetermined."""
+    text = GOOD.replace('"percent_correct"', utility)
+    with pytest.raises(SpecError, match=r"response: logits are of scores from 0 to 100 .*'crop-classification'"):
+        load(text)
+    load(text.replace('response = "logit"', 'response = "identity"'))
+    for percent in ('"measured"', '"measured"\nunit = "%"', '"mine:score"'):
+        load(GOOD.replace('"percent_correct"', percent))
 
 
 def test_a_utility_that_has_a_unit_keeps_it(load):
