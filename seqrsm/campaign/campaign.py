@@ -287,6 +287,7 @@ class Campaign:
         if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores
             if earlier := self._without_a_score():
                 self._carry_out(earlier, workers, cluster, on_progress)
+                carried |= {run.run_id for run in earlier} - {run.run_id for run in self._without_a_score()}
             self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 

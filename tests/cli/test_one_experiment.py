@@ -135,6 +135,7 @@ def test_a_new_application_scores_the_runs_that_there_are(begun) -> None:
     changed(begun, "campaign.toml", "[simulator]", both)
     done = RUNNER.invoke(app, ["simulate", str(begun), "--workers", "2"])
     assert done.exit_code == 0, done.output
+    assert f"{len(before)} runs completed" in done.output
     opened = Campaign.open(begun)
     runs = opened.store.runs()
     assert [run.run_id for run in runs] == [run.run_id for run in before]
@@ -146,6 +147,17 @@ def test_a_new_application_scores_the_runs_that_there_are(begun) -> None:
     count = len(opened.store.events())
     assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 0
     assert len(opened.store.events()) == count
+
+
+def test_a_new_application_that_always_fails_ends_the_run(begun) -> None:
+    before = scored(begun)
+    both = '[[application]]\nname = "second"\nutility = "bad:score"\nhalf_width = 30.0\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    (begun / "bad.py").write_text("def score(image, scene, seed, run_id):\n    return 1 / 0\n", encoding="utf-8")
+    done = run(begun, "--max-runs", "40")
+    assert done.exit_code == 2
+    assert "ZeroDivisionError" in done.output
+    assert scored(begun) == before
 
 
 def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
