@@ -361,7 +361,8 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
     if fit.reason and not surface.s > 0.0:
         found.append(f"No error estimate: {fit.reason}.")
     labels = block_labels(spec, data)
-    if 0 < (alone := labels.count(NO_BLOCK)) < len(labels):
+    alone = labels.count(NO_BLOCK) or labels.count("flight")  # beside simulations, which have no blocks
+    if spec.model.block is not None and any(data.blocks) and alone:
         found.append(f"Runs without a block, which count as one block of their own: {alone}.")
     if spec.model.block is None and (named := len({*data.blocks} - {""})) > 1:
         told = "intervals do not include how they differ"

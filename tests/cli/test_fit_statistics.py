@@ -163,6 +163,10 @@ def test_runs_without_a_day_are_told_to_be_one_of_their_own(tmp_path: Path) -> N
     found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nblock = "block"\n'))
     assert "Runs without a block, which count as one block of their own: 5." in found["warnings"]
     assert "block[none]" in [term["name"] for term in found["terms"]]
+    both = [row | {"source": "flight"} for row in rows]
+    both += [row | {"block": "", "source": "simulation"} for row in quadratic(20, 3)]
+    told = fit(make(tmp_path / "s", X + FREQUENCY, both, '[model]\nblock = "block"\n'))["warnings"]
+    assert "Runs without a block, which count as one block of their own: 5." in told  # flights: simulations have none
     alone = fit(make(tmp_path / "d", X + FREQUENCY, quadratic(24), '[model]\nblock = "block"\n'))
     assert not any("without a block" in text for text in alone["warnings"])
 
