@@ -4,6 +4,13 @@ Table 3 holds at its nodes to the last digit. The report states neither its freq
 20 GHz is inferred. A model of vegetation over ground, fitted to it, carries the table to V, to other frequencies and to
 other soil moistures by the ratio of reflectivities, 1 - e = (1 - e_table) r_model(f, p, mv) / r_model(20 GHz, H, 0.2),
 so that H and V meet at nadir and the table stays exact where it stands.
+
+What differs from field to field, date to date and ground to ground is roughness, canopy and soil, each a factor of the
+reflectivity. So departures are parts of 1 - e: one effective roughness, whatever the angle and polarization, does for
+each of seven plots at L band, from rolled to deeply ploughed (Wigneron et al. 2001, IEEE TGRS 39(8)). Standard
+deviations in emissivity hold at nadir, where H and V have one, or at the lowest angle of a user's rows, at
+`REFERENCE_MOISTURE` and at every frequency alike: long waves see less of roughness but more of the soil, and no
+measurement at hand says which prevails.
 """
 
 from __future__ import annotations
@@ -123,12 +130,13 @@ class EmissivityLookup:
         Whether the category depends on soil moisture.
     heating : float64 array (n_categories,)
         Share of the sun's heating.
-    field_sd, date_sd : float64 array (n_categories,)
-        Standard deviation from field to field, and of the whole category from date to date [1].
+    field_part, date_part, mean_part : float64 array (n_categories,)
+        Standard deviation from field to field, of the whole category from date to date, and of its mean about that of a
+        given ground, as parts of the reflectivity 1 - e, 0 to 1.
     channel_correlation : float64 array (n_categories,)
         Correlation of the draws of H and V.
     mean_sd : float64 array (n_categories,)
-        Standard deviation of the mean about that of a given ground [1].
+        Standard deviation of the mean in emissivity, at nadir and `REFERENCE_MOISTURE` [1].
     status, notes : tuple of str
         What each category rests on; sources and assumptions.
     """
@@ -137,8 +145,9 @@ class EmissivityLookup:
     emissivity: FloatArray
     moist: BoolArray
     heating: FloatArray
-    field_sd: FloatArray
-    date_sd: FloatArray
+    field_part: FloatArray
+    date_part: FloatArray
+    mean_part: FloatArray
     channel_correlation: FloatArray
     mean_sd: FloatArray
     status: tuple[str, ...]
@@ -149,16 +158,22 @@ class EmissivityLookup:
         k, part = _whole_degrees(theta_deg)
         return np.asarray((1.0 - part) * self.emissivity[:, :, k] + part * self.emissivity[:, :, k + 1])
 
-    def of_mixtures(self, share: FloatArray, theta_deg: FloatArray, nodes: Sequence[int]) -> FloatArray:
-        """Emissivity (..., n) at angles (...) [deg] of ground with shares (..., n_categories), at some moisture nodes.
+    def at_nodes(self, nodes: Sequence[int]) -> FloatArray:
+        """Emissivity (n_categories, n, 91) at some moisture nodes; one only if nothing here depends on moisture."""
+        return self.emissivity[:, nodes] if self.emissivity.shape[1] > 1 else self.emissivity
 
-        With one node only if nothing here depends on moisture.
-        """
-        k, part = _whole_degrees(theta_deg)
-        table = np.moveaxis(self.emissivity[:, list(nodes)] if self.emissivity.shape[1] > 1 else self.emissivity, -1, 0)
-        table = np.ascontiguousarray(table)
-        above = share * part[..., None]
-        return np.asarray(((share - above)[..., None, :] @ table[k] + above[..., None, :] @ table[k + 1])[..., 0, :])
+
+def of_mixtures(value: FloatArray, share: FloatArray, theta_deg: FloatArray) -> FloatArray:
+    """Sums (..., n) over covers of values (n_categories, n, 91), at angles (...) by shares (..., n_categories)."""
+    k, part = _whole_degrees(theta_deg)
+    table = np.ascontiguousarray(np.moveaxis(value, -1, 0))
+    above = share * part[..., None]
+    return np.asarray(((share - above)[..., None, :] @ table[k] + above[..., None, :] @ table[k + 1])[..., 0, :])
+
+
+def departed(emissivity: FloatArray, part: FloatArray) -> FloatArray:
+    """Emissivity, within 0 and 1, of ground that reflects less by some part."""
+    return np.clip(1.0 - (1.0 - emissivity) * (1.0 - part), 0.0, 1.0)
 
 
 def _whole_degrees(theta_deg: ArrayLike) -> tuple[IntArray, FloatArray]:
@@ -179,11 +194,11 @@ class EmissivityTable:
     models : Mapping
         `GroundModel` by category.
     spread : Mapping
-        (field sd, date sd, channel correlation) by category.
+        (field sd, date sd, channel correlation) by category; in emissivity, at nadir.
     file : str
         The user's file, or "".
     mean_sd : Mapping
-        Standard deviation of the mean that a user states, by category.
+        Standard deviation of the mean that a user states, by category; likewise.
     mixes : Mapping
         Shares of other categories, by category, of those that have no curve of their own.
     world : World or None
@@ -254,17 +269,21 @@ class EmissivityTable:
             value = [np.clip(own + course[name][0], 0.0, 1.0) for own, name in zip(value, names, strict=True)]
             mean_sd = [math.hypot(sd, course[name][1]) for sd, name in zip(mean_sd, names, strict=True)]
         spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
+        nadir = np.array([1.0 - np.interp(REFERENCE_MOISTURE, MOISTURE_NODES[: len(own)], own[:, 0]) for own in value])
+        sds = np.array([spread[:, 0], spread[:, 1], mean_sd])
+        of_fields, of_dates, of_means = np.minimum(sds / np.maximum(nadir, 1e-9), 1.0)
         if self.world is not None:
-            away = [sd * self.world.departure(n, "", f, polarization) for n, sd in zip(names, mean_sd, strict=True)]
-            value = [np.clip(own + off, 0.0, 1.0) for own, off in zip(value, away, strict=True)]
-            spread[:, 0] *= [self.world.field_factor(name) for name in names]
+            away = [own * self.world.departure(n, "", f, polarization) for n, own in zip(names, of_means, strict=True)]
+            value = [departed(own, off) for own, off in zip(value, away, strict=True)]
+            of_fields = of_fields * [self.world.field_factor(name) for name in names]
         return EmissivityLookup(
             categories=names,
             emissivity=np.array(value),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
             heating=np.array([self._heating(name) for name in names]),
-            field_sd=spread[:, 0],
-            date_sd=spread[:, 1],
+            field_part=of_fields,
+            date_part=of_dates,
+            mean_part=of_means,
             channel_correlation=spread[:, 2],
             mean_sd=np.array(mean_sd),
             status=status,
@@ -349,7 +368,8 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     ----------
     path : str or Path, optional
         Long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
-        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean).
+        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean), in
+        emissivity at the lowest angle of the rows; elsewhere they go with the reflectivity 1 - e.
 
     Raises
     ------

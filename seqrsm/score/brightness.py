@@ -20,7 +20,7 @@ import scipy
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
-from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, of_mixtures
 from seqrsm.scene.scene import Scene
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.simulate.radiometer.frame import local_angle_deg, make_radiometer_frame, surface_temperature_k
@@ -136,9 +136,10 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
     dry, wet = np.moveaxis(_expected_k(ground, slice(None), [0, len(MOISTURE_NODES) - 1]), -1, 0)
     slope = (wet - dry) / (MOISTURE_NODES[-1] - MOISTURE_NODES[0])
-    together, apart = (_covariance(image, ground, slope, common=both) for both in (True, False))
+    together = _covariance(image, ground, slope, centre, common=True)
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
+    apart = _covariance(image, ground, slope, middle, common=False)
     below, part = _between_nodes(np.array(middle))
     low, high = np.moveaxis(_expected_k(ground, slice(None), [int(below), int(below) + 1]), -1, 0)
     away = (image.brightness_k - (low + part * (high - low))).reshape(len(slope), -1)
@@ -218,33 +219,39 @@ def _expected_k(ground: ExpectedGround, own: slice, nodes: Sequence[int]) -> Flo
     warm = radiation_equivalent_k(ground.temperature_k[own], ground.planck_k)[..., None]
     out = np.empty((len(ground.lookups), *ground.temperature_k[own].shape, len(nodes)))
     for layer, lookup in zip(out, ground.lookups, strict=True):
-        e = lookup.of_mixtures(ground.share[own], ground.angle_deg[own], nodes)
+        e = of_mixtures(lookup.at_nodes(nodes), ground.share[own], ground.angle_deg[own])
         layer[:] = up + through * (e * warm + (1.0 - e) * sky)
     return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
 
 
-def _covariance(image: RadiometerImage, ground: ExpectedGround, slope_k: FloatArray, *, common: bool) -> FloatArray:
+def _covariance(
+    image: RadiometerImage, ground: ExpectedGround, slope_k: FloatArray, moisture: float, *, common: bool
+) -> FloatArray:
     """Covariance (n_samples, n_lines, n_channels, n_channels) of footprints' brightness about what is expected [K2].
 
-    Departures of fields from the table, H and V related as the table has them, and of their moisture from that of the
-    square, ``slope_k`` (n_channels, n_samples, n_lines) for each m3/m3; the error of their temperature; the receiver's
-    noise; and where what footprints have in common is not known, the departures of dates and means, too. A footprint of
-    several covers departs by the squares of their shares.
+    Departures of fields from the table as parts of what they reflect at a ``moisture`` [m3/m3], H and V related as the
+    table has them, and of their moisture from that of the square, ``slope_k`` (n_channels, n_samples, n_lines) for each
+    m3/m3; the error of their temperature; the receiver's noise; and where what footprints have in common is not known,
+    the departures of dates and means, too. A footprint of several covers departs by the squares of their shares.
     """
+    node, _ = _between_nodes(np.array(moisture))
     radiometer, squares = image.radiometer, np.square(ground.share)
     _, through, sky = ground.air[..., None]
     heat = radiometer.temperature_field_sd_k**2 + (radiometer.temperature_date_sd_k**2 if common else 0.0)
-    moisture = np.square(radiometer.soil_moisture_field_sd) * squares.sum(axis=-1)
+    wetness = np.square(radiometer.soil_moisture_field_sd) * squares.sum(axis=-1)
+    reflected = [1.0 - look.at_nodes([int(node)]) for look in ground.lookups]
     out = np.empty((*ground.temperature_k.shape, len(slope_k), len(slope_k)))
     for a, one in enumerate(ground.lookups):
-        for b, other in enumerate(ground.lookups):
+        for b, other in enumerate(ground.lookups[: a + 1]):
             related = 1.0 if a == b else one.channel_correlation
-            departure = related * one.field_sd * other.field_sd
+            departure = related * one.field_part * other.field_part
             if common:
-                departure = departure + related * one.date_sd * other.date_sd + one.mean_sd * other.mean_sd
-            emitted = np.square(through * (ground.temperature_k - sky)) * (squares @ departure) + through**2 * heat
+                departure = departure + related * one.date_part * other.date_part + one.mean_part * other.mean_part
+            departure = departure[:, None, None] * reflected[a] * reflected[b]
+            spread = of_mixtures(departure, squares, ground.angle_deg)[..., 0]
+            emitted = np.square(through * (ground.temperature_k - sky)) * spread + through**2 * heat
             # What footprints of one field have in common, their number does not lessen.
-            out[..., a, b] = (emitted + slope_k[a] * slope_k[b] * moisture) * ground.footprints_a_field
+            out[..., a, b] = out[..., b, a] = (emitted + slope_k[a] * slope_k[b] * wetness) * ground.footprints_a_field
         out[..., a, a] += np.square(np.nan_to_num(image.nedt_k[a]))
     return out
 

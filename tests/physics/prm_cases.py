@@ -19,7 +19,7 @@ from seqrsm.simulate.radiometer.prm import Meeting, radiation_map, simulate_radi
 
 @dataclass
 class Table:
-    """Emissivity of each category: a number, or a function of the look angle [deg]; no variability unless told."""
+    """Emissivity of each category: a number, or a function of the look angle [deg]; at nadir fields vary if told."""
 
     level: tuple
     field_sd: float = 0.0
@@ -30,8 +30,9 @@ class Table:
         e = e[: len(categories)]
         n = len(e)
         zero, one = np.zeros(n), np.ones(n)
+        part = np.minimum(self.field_sd / np.maximum(1.0 - e[:, 0], 1e-9), 1.0)
         return EmissivityLookup(
-            tuple(categories), e[:, None], zero.astype(bool), one, zero + self.field_sd, zero, zero, zero,
+            tuple(categories), e[:, None], zero.astype(bool), one, part, zero, zero, zero, zero,
             ("computed",) * n, ("made",),
         )  # fmt: skip
 
@@ -90,10 +91,12 @@ def image(s: Scene, r: RadiometerConfiguration, table: Table, precision="float64
     return still_radiometer(s, r, table, seed=1, run_id=1, precision=precision)
 
 
-def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, ground_k, planck=0.0, dtype="float64"):
+def mapped(
+    s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, ground_k, planck=0.0, dtype="float64", **met
+):
     frame = make_radiometer_frame(s, r, dtype)
     lookups = [table.lookup(s.categories, r.frequency_ghz, channel) for channel in r.channels]
-    occasion = nominal_radiometer_occasion(r, lookups, s)
+    occasion = replace(nominal_radiometer_occasion(r, lookups, s), **met)
     ground = np.broadcast_to(np.asarray(ground_k, dtype=dtype), frame.elevation_m.shape)
     met = Meeting(frame, None, lookups, occasion, air, planck, table, None)
     antenna_k, offset, state = radiation_map(met, r, np.ascontiguousarray(ground))

@@ -109,7 +109,7 @@ def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
     found = met(*days)
     apart = np.abs(np.subtract.outer(days, days))
     np.testing.assert_allclose(np.corrcoef(found), np.exp(-apart / 4.5), atol=0.05)
-    np.testing.assert_allclose(found.std(axis=1), looked.date_sd[0], rtol=0.05)
+    np.testing.assert_allclose(found.std(axis=1), looked.date_part[0], rtol=0.05)
     np.testing.assert_array_equal(met(days[0]), found[:1])
 
 

@@ -47,6 +47,22 @@ def test_loss_of_one_and_of_infinity():
     np.testing.assert_allclose(found.antenna_k, 250.0, rtol=1e-13)
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_fields_and_dates_depart_by_a_part_of_what_they_reflect(dtype):
+    """As roughness does, exp(-h) of a Fresnel reflectivity: emissivity stays within 0 and 1 whatever is drawn."""
+    cover = np.repeat([[0, 0, 1, 1, 2, 2]], 21, axis=0)
+    field = np.repeat([[0, 1, 2, 3, 4, 5]], 21, axis=0)
+    s, table = scene(np.zeros((21, 6)), 50.0, cover, field), Table((0.6, 0.95, 0.1))
+    clear = Atmosphere(np.zeros(1), np.array([250.0]), np.array([0.0, 10.0]), 40.0, ())
+    of_dates, of_fields = np.array([0.1, -0.2, 0.0]), np.array([0.25, -0.25, 1.5, 0.0, -0.5, 0.5])
+    met = {"class_offset": of_dates[None], "field_offset": of_fields[None]}
+    found, _ = mapped(s, radiometer(), table, clear, 300.0, dtype=dtype, **met)
+    reflected = np.array([0.4, 0.4, 0.05, 0.05, 0.9, 0.9]) * (1.0 - of_dates[cover[0]])
+    reflected = np.clip(reflected * (1.0 - of_fields), 0.0, 1.0)
+    expected = np.broadcast_to(300.0 - 260.0 * reflected, (21, 6))
+    np.testing.assert_allclose(found.antenna_k[0], expected, rtol=1e-13 if dtype == "float64" else 1e-6)
+
+
 def test_equation_3_35_term_by_term():
     s, air = scene(np.zeros((41, 6)), 50.0), isothermal_air(0.3, 260.0, 2.7)
     found, frame = mapped(s, radiometer(), Table((lambda t: 0.9 - t / 200.0,)), air, 310.0)

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import SHIPPED, season_depth
-from seqrsm.scattering.emissivity import MOISTURE_NODES, emissivity_mo82, load_emissivity_table
+from seqrsm.scattering.emissivity import MOISTURE_NODES, departed, emissivity_mo82, load_emissivity_table
 from seqrsm.scattering.emissivity_curves import interpolated
 from seqrsm.scattering.models import permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import shipped_rows
@@ -129,6 +129,45 @@ def test_dense_crops_hide_the_soil_above_l_band():
         at = {f: np.ptp(TABLE.lookup([name], f, "H").emissivity[0, 3:11, 40]) for f in (1.4, 6.9, 10.7)}
         assert at[1.4] > 0.02
         assert at[6.9] < 0.1 * at[1.4] > at[10.7]
+
+
+def test_departures_hold_at_nadir_and_go_with_the_reflectivity():
+    """At nadir as the tables state, H as V; elsewhere by the ratio of reflectivities, so that V departs by less."""
+    stated = {row.text("category"): float(row.text("field_sd")) for row in shipped_rows("emissivity_variability.csv")}
+    covers = tuple(stated)
+    for f in (1.4, 10.7, 36.0):
+        h, v = (TABLE.lookup(covers, f, p) for p in "HV")
+        wet = h.emissivity.shape[1] * 6 // 17  # the node of 0.2 m3/m3
+        for look in (h, v):
+            np.testing.assert_allclose(look.field_part * (1.0 - look.emissivity[:, wet, 0]), list(stated.values()))
+            np.testing.assert_allclose(
+                look.mean_part * (1.0 - look.emissivity[:, wet, 0]),
+                np.minimum(look.mean_sd, 1.0 - look.emissivity[:, wet, 0]),
+            )
+        np.testing.assert_allclose(h.field_part, v.field_part, rtol=1e-9)
+        np.testing.assert_allclose(h.date_part, v.date_part, rtol=1e-9)
+        apart = [departed(look.emissivity, look.field_part[:, None, None]) - look.emissivity for look in (h, v)]
+        np.testing.assert_allclose(apart[0][..., 0], apart[1][..., 0], atol=1e-9)
+        of_table = (1.0 - v.emissivity[..., 50]) / (1.0 - h.emissivity[..., 50])
+        np.testing.assert_allclose(apart[1][..., 50] / apart[0][..., 50], of_table, rtol=1e-9)
+        assert (of_table < 1.0 + 1e-9).all()
+    soil = covers.index("Bareground")
+    assert apart[1][soil, 6, 50] < 0.25 * apart[0][soil, 6, 50]  # of soil at 36 GHz
+
+
+@pytest.mark.parametrize(
+    "covers", [("Bareground", "Gravel", "Asphalt"), ("Hay", "Oats", "Corn", "Wheat", "Forage", "Vegetables")]
+)
+def test_covers_of_table_3_differ_as_they_reflect(covers):
+    """A spread in proportion to 1 - e fits that of like covers over the angles better than a constant."""
+    e = np.array([TABLE_3[name] for name in covers])
+    spread, reflected = e.std(axis=0, ddof=1), 1.0 - e.mean(axis=0)
+
+    def rms(law):
+        best = spread @ law / (law @ law)
+        return np.sqrt(np.mean(np.square(spread - best * law)))
+
+    assert rms(reflected) < 0.6 * rms(np.ones(9))
 
 
 def test_water_follows_the_dielectric_model():
@@ -258,7 +297,7 @@ def test_user_table_replaces_and_adds_categories(tmp_path):
     look = table.lookup(["Lava", "Water", "Trees"], 10.0, "H")
     assert look.emissivity[0, 0, 40] == pytest.approx(0.71)
     assert look.emissivity[1, 0, 33] == pytest.approx(0.5)
-    assert look.field_sd[0] == pytest.approx(0.03)
+    assert look.field_part[0] * (1.0 - look.emissivity[0, 0, 0]) == pytest.approx(0.03)
     assert look.status[0] == "measured"
     middle = table.lookup(["Lava"], np.sqrt(200.0), "H").emissivity[0, 0, 0]
     assert middle == pytest.approx(0.915)
@@ -266,6 +305,16 @@ def test_user_table_replaces_and_adds_categories(tmp_path):
         table.lookup(["Lava"], 10.0, "V")
     with pytest.raises(ScatteringDataError, match=r"Lava at H is known at 10 to 20 GHz"):
         table.lookup(["Lava"], 5.0, "H")
+
+
+def test_a_users_sd_holds_at_the_lowest_angle_of_its_rows(tmp_path):
+    rows = {"H": {50: 0.7, 60: 0.6}, "V": {50: 0.9, 60: 0.88}}
+    lines = [f"emissivity,Lava,10,{p},{t},{e},1,measured,mine,0.03" for p, own in rows.items() for t, e in own.items()]
+    table = load_emissivity_table(write(tmp_path / "own.csv", *lines))
+    for p, at_60 in (("H", 0.04), ("V", 0.036)):
+        look = table.lookup(["Lava"], 10.0, p)
+        away = departed(look.emissivity, look.field_part[:, None, None]) - look.emissivity
+        np.testing.assert_allclose(away[0, 0, [0, 50, 60]], [0.03, 0.03, at_60], rtol=1e-12)
 
 
 def test_user_table_faults_are_told_all_at_once(tmp_path):

@@ -30,6 +30,7 @@ from seqrsm.score.brightness import (
     posterior_mean,
     retrieved_squares,
 )
+from seqrsm.score.brightness import _covariance as _of_brightness
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import expected_spread, score_moisture
 from seqrsm.score.utilities import asked_for
@@ -195,6 +196,52 @@ def test_costs_on_the_grid_are_squared_distances_from_what_is_expected_there() -
     away = found.brightness_k[..., None] - expected
     squares = np.einsum("aslm,slab,bslm->slm", away, np.linalg.inv(covariance), away)
     np.testing.assert_allclose(costs, weights @ squares.reshape(-1, len(GRID)), rtol=1e-6)
+
+
+def test_the_covariance_is_that_of_what_is_drawn() -> None:
+    """Fields, dates and means depart by parts of what their cover reflects at that angle and moisture."""
+    s = land(("Bareground", "Grass"))
+    r = radiometer(frequency_ghz=1.4, **BAND, conical_incidence_deg=40.0, soil_moisture_field_sd=0.0)
+    found = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1)
+    ground = expected_ground(found, s, seen_pixels(found))
+    place, node = (len(ground.share) // 2, 5), 4
+    share, angle = ground.share[place], ground.angle_deg[place]
+    _, through, sky = ground.air[:, place[0]]
+    for common in (False, True):
+        wanted = np.empty((2, 2))
+        for a, one in enumerate(ground.lookups):
+            for b, other in enumerate(ground.lookups):
+                related = 1.0 if a == b else 0.7
+                reflected = [
+                    [1.0 - np.interp(angle, np.arange(91.0), kind[node]) for kind in look.emissivity]
+                    for look in (one, other)
+                ]
+                parts = related * one.field_part * other.field_part
+                if common:
+                    parts = parts + related * one.date_part * other.date_part + one.mean_part * other.mean_part
+                departed = np.sum(share**2 * parts * reflected[0] * reflected[1])
+                wanted[a, b] = (through * (ground.temperature_k[place] - sky)) ** 2 * departed
+                wanted[a, b] += through**2 * (1.0 + (9.0 if common else 0.0))
+        wanted *= ground.footprints_a_field
+        wanted += np.diag(found.nedt_k[(slice(None), *place)] ** 2)
+        made = _of_brightness(
+            found, ground, np.zeros((2, *ground.temperature_k.shape)), float(MOISTURE_NODES[node]) + 1e-6, common=common
+        )
+        np.testing.assert_allclose(made[place], wanted, rtol=2e-3)
+
+
+@pytest.mark.parametrize("channels", [("H",), ("V",), ("H", "V")])
+def test_a_radiometer_believes_its_brightness_as_far_as_it_may(channels: tuple[str, ...]) -> None:
+    """The truth of squares regressed on what is retrieved has about the slope 1, in worlds that the table misses."""
+    s, slopes = land(("Bareground", "Grass")), []
+    r = radiometer(frequency_ghz=1.4, **{**BAND, "channels": channels}, conical_incidence_deg=40.0)
+    for run in range(24):
+        found = simulate_radiometer(s, r, load_emissivity_table().in_world(World(4, run)), seed=4, run_id=run)
+        value, unit = retrieved_squares(found, s)
+        cells = unit >= 0
+        truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
+        slopes.append(np.cov(value, truth)[0, 1] / value.var(ddof=1))
+    assert 0.85 < np.mean(slopes) < 1.15
 
 
 def test_squares_and_footprints_tell_of_each_other_by_what_they_share() -> None:

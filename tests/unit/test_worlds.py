@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.readers import DATA, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency
@@ -69,14 +69,25 @@ def test_h_and_v_of_emissivity_part_as_the_square_of_the_sine() -> None:
 
 
 def test_h_and_v_of_emissivity_meet_at_nadir() -> None:
+    covers = ("Trees", "Water", "Bareground")
     one = EMISSIVITY.in_world(World(3, 7))
-    h, v = (one.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V"))
-    own = [EMISSIVITY.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V")]
-    away = [
-        (found.emissivity - plain.emissivity)[:, 0, 0] / plain.mean_sd for found, plain in zip((h, v), own, strict=True)
-    ]
-    np.testing.assert_allclose(*away, atol=1e-9)
-    assert np.all(np.abs(away[0]) > 1e-3)  # for 0 would meet 0, too
+    h, v = (one.lookup(covers, 18.0, p).emissivity[..., 0] for p in ("H", "V"))
+    np.testing.assert_allclose(h, v, atol=1e-12)
+    assert np.all(np.abs(h - EMISSIVITY.lookup(covers, 18.0, "H").emissivity[..., 0]) > 1e-5)  # 0 would meet 0, too
+
+
+@pytest.mark.parametrize("frequency", [1.4, 10.7])
+def test_a_world_has_the_emissivity_off_by_a_part_of_what_is_reflected(frequency: float) -> None:
+    """So moist soil departs by more than dry, and at 50 degrees H by more than V, as their reflectivities are."""
+    for polarization in ("H", "V"):
+        plain = EMISSIVITY.lookup(["Bareground"], frequency, polarization)
+        one = EMISSIVITY.in_world(World(3, 7)).lookup(["Bareground"], frequency, polarization)
+        away = World(3, 7).departure("Bareground", "", frequency, polarization)
+        reflected = 1.0 - plain.emissivity[0]
+        nadir = reflected[np.argmin(np.abs(MOISTURE_NODES - 0.2)), 0]
+        np.testing.assert_allclose((1.0 - one.emissivity[0]) / reflected, np.tile(1.0 - 0.03 / nadir * away, (17, 1)))
+    found = [EMISSIVITY.in_world(World(3, k)).lookup(["Wheat", "Buildings"], 36.0, "H").emissivity for k in range(200)]
+    assert 0.0 <= np.min(found) < np.max(found) <= 1.0
 
 
 def levels() -> dict[tuple[str, float, str], dict[str, float]]:
@@ -119,7 +130,7 @@ def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
         np.testing.assert_allclose(away, plain.mean_sd_db[k] * World(1979, 4).departure(*kin, 3.0, "HH"), atol=1e-9)
     assert alone.field_sd_db[0] / plain.field_sd_db[1] == pytest.approx(World(1979, 4).field_factor("Trees"))
     spread = [
-        table.lookup(["Trees"], 3.0, "H").field_sd[0] for table in (EMISSIVITY.in_world(World(1979, 4)), EMISSIVITY)
+        table.lookup(["Trees"], 3.0, "H").field_part[0] for table in (EMISSIVITY.in_world(World(1979, 4)), EMISSIVITY)
     ]
     assert spread[0] / spread[1] == pytest.approx(World(1979, 4).field_factor("Trees"))
     assert len({World(1979, number).field_factor("Trees") for number in range(20)}) == 20

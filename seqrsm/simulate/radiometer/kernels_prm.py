@@ -59,7 +59,7 @@ def emit_cells(
     lut: AnyArray,
     sky: AnyArray,
     place: AnyArray,
-    field_offset: AnyArray,
+    field_factor: AnyArray,
     out: AnyArray,
     state: AnyArray,
 ) -> None:
@@ -93,8 +93,8 @@ def emit_cells(
         polynomial in ``2 sin(theta/2)**2 / largest - 1``.
     place : float array (n_fields,)
         Place of each field's moisture among those of the table, 0 .. n_moistures - 1.
-    field_offset : float array (n_channels, n_fields)
-        Added to each field's emissivity; no columns: nothing is.
+    field_factor : float array (n_channels, n_fields)
+        Of each field's reflectivity, 1 - emissivity; no columns: 1.
     out : float array (n_channels, n, m)
         Written: antenna temperature of the element [K]; 0 where it is not seen.
     state : uint8 array (n, m)
@@ -137,8 +137,8 @@ def emit_cells(
                 _moist_row(tables[c], index, part, wetter, width, fetched, pairs, e)
             else:
                 _dry_row(tables[c], index, part, fetched, pairs, e)
-            if field_offset.shape[1] > 0:
-                _field_row(field[i], field_offset[c], e)
+            if field_factor.shape[1] > 0:
+                _field_row(field[i], field_factor[c], e)
             if c == 0:
                 _sky_row(where, sky, 0.5 / (width - 2) ** 2, reflected)
             _radiate_row(e, reflected, surface[i], geometry[i, 3], geometry[i, 4], state[i], out[c, i])
@@ -275,11 +275,11 @@ def _moist_row(
 
 
 @kernel
-def _field_row(field: AnyArray, offset: AnyArray, e: AnyArray) -> None:
-    """Add the departure of each element's field; emissivity stays within 0 and 1."""
+def _field_row(field: AnyArray, factor: AnyArray, e: AnyArray) -> None:
+    """Multiply each element's reflectivity by its field's factor; emissivity stays within 0 and 1."""
     zero, one = e.dtype.type(0.0), e.dtype.type(1.0)
     for j in range(e.shape[0]):
-        e[j] += offset[np.uint32(field[j])]
+        e[j] = one - (one - e[j]) * factor[np.uint32(field[j])]
     for j in range(e.shape[0]):
         e[j] = min(max(e[j], zero), one)
 

@@ -41,9 +41,9 @@ class RadiometerOccasion:
     field_moisture : float64 array (n_fields,)
         Soil moisture of each field [m3/m3].
     class_offset : float64 array (n_channels, n_categories)
-        Departure of each category's emissivity on this date from the table [1].
+        Part by which each category reflects less on this date than by the table [1].
     field_offset : float64 array (n_channels, n_fields)
-        Departure of each field's emissivity from its category [1].
+        Part by which each field reflects less than its category [1].
     temperature_offset_k : float
         Departure of the date's ground temperature [K].
     field_temperature_k : float64 array (n_fields,)
@@ -108,9 +108,9 @@ def draw_radiometer_occasion(
     for c, (channel, lookup) in enumerate(zip(radiometer.channels, lookups, strict=True)):
         own = 1 + CHANNELS.index(channel)
         shared, apart = np.sqrt(lookup.channel_correlation), np.sqrt(1.0 - lookup.channel_correlation)
-        class_offset[c] = lookup.date_sd * (shared * dates[0] + apart * dates[own])
+        class_offset[c] = lookup.date_part * (shared * dates[0] + apart * dates[own])
         deviate = shared[category] * plots[0] + apart[category] * plots[own]
-        field_offset[c] = np.where(known, lookup.field_sd[category] * deviate, 0.0)
+        field_offset[c] = np.where(known, lookup.field_part[category] * deviate, 0.0)
     spread = radiometer.temperature_field_sd_k * temperature
     return RadiometerOccasion(mean, moisture, class_offset, field_offset, warm, spread)
 

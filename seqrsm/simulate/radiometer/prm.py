@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
-from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
+from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable, departed
 from seqrsm.scene.layers import known_heights
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
@@ -213,11 +213,12 @@ def row_geometry(frame: RadiometerFrame, air: Atmosphere, conical: bool) -> Floa
 def emission_tables(
     lookups: Sequence[EmissivityLookup], air: Atmosphere, occasion: RadiometerOccasion, dtype: Any
 ) -> tuple[AnyArray, FloatArray, AnyArray, AnyArray]:
-    """Tables of emissivity and sky, moisture and departure of each field, as `kernels_prm.emit_cells` takes them."""
+    """Tables of emissivity and sky, moisture and factor of each field, as `kernels_prm.emit_cells` takes them."""
     steps = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0)
     theta_deg = np.rad2deg(2.0 * np.arcsin(steps * math.sqrt(0.5)))
-    lut = np.stack([look.at_angles(theta_deg) for look in lookups]) + occasion.class_offset[:, :, None, None]
-    lut = np.clip(lut, 0.0, 1.0).astype(dtype)
+    covers = zip(lookups, occasion.class_offset[:, :, None, None], strict=True)
+    on_date = [replace(look, emissivity=departed(look.emissivity, part)) for look, part in covers]
+    lut = np.stack([look.at_angles(theta_deg) for look in on_date]).astype(dtype)
     # Each value beside its step to the next, as one element of twice the size that one load fetches.
     pairs = np.zeros((*lut.shape, 2), dtype=dtype)
     pairs[..., 0] = lut
@@ -225,8 +226,8 @@ def emission_tables(
     table = pairs.view(np.uint64 if dtype == np.float32 else np.complex128)[..., 0]
     place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
     place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
-    departure = occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0]
-    return table, _sky_polynomial(air), place.astype(dtype), departure.astype(dtype)
+    factor = 1.0 - (occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0])
+    return table, _sky_polynomial(air), place.astype(dtype), factor.astype(dtype)
 
 
 def _sky_polynomial(air: Atmosphere) -> FloatArray:
