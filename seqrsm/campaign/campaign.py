@@ -82,6 +82,7 @@ class Campaign:
         self.spec = spec
         self.store = store
         self.folder = spec.folder
+        self._tried: set[int] = set()  # earlier runs, for a new application: what fails now fails again
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -244,6 +245,10 @@ class Campaign:
         if not active:
             return start_batch(self.spec, own, failed=failed)
         if not analyses:
+            for one in self.spec.applications if own == "simulation" and self._without_a_score() else ():
+                if not any(run.score_of(one.name) for run in active):
+                    message = f"no simulated run has a score of '{one.name}' yet"
+                    raise StoreError(message, "`seqrsm simulate` scores those that there are, from the same images.")
             waiting = [run for run in active if run.state in WAITING]
             names = [one.name for one in self.spec.applications]
             sets = ([run for run in active if run.state in WAITING or run.score_of(name)] for name in names)
@@ -285,9 +290,10 @@ class Campaign:
         finally:
             self.store.release()
         if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores
-            if earlier := self._without_a_score():
+            if earlier := [run for run in self._without_a_score() if run.run_id not in self._tried]:
+                self._tried |= (late := {run.run_id for run in earlier})
                 self._carry_out(earlier, workers, cluster, on_progress)
-                carried |= {run.run_id for run in earlier} - {run.run_id for run in self._without_a_score()}
+                carried |= late - {run.run_id for run in self._without_a_score()}
             self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
@@ -466,6 +472,11 @@ class Campaign:
         """Simulate runs that this process holds; those that failed through no fault of theirs are issued again.
 
         Or runs that are scored, for applications that they have no score of: the others stay.
+
+        Raises
+        ------
+        StoreError
+            None of those could be scored.
         """
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
         from seqrsm.simulate.runner import Lost, run_many
@@ -473,6 +484,7 @@ class Campaign:
         cells = self.cells_of_ground()
         tasks = [task_of(self.spec, run.run_id, run.proposed, cells) for run in claimed]
         files = files_of(tasks[0]) if cluster is not None else ()
+        lost: list[str] = []
         with heartbeat(self.store):
             for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
                 run = claimed[index]
@@ -480,6 +492,7 @@ class Campaign:
                     late = () if isinstance(result, Lost) else result.scores
                     new = [score for score in late if run.score_of(score.application) is None]
                     self.store.record_scores(run.run_id, new)
+                    lost += () if new else (result.reason if isinstance(result, Lost) else result.failure,)
                 elif isinstance(result, Lost):
                     self.store.fail(run.run_id, result.reason)
                 elif not result.failure:
@@ -488,6 +501,9 @@ class Campaign:
                     self.store.fail(run.run_id, result.failure, result.fault)
                     if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
+        if lost and len(lost) == len(claimed):
+            message = f"earlier runs cannot be scored for the new application: {lost[0]}"
+            raise StoreError(message, file=str(self.folder / SPEC_NAME))
 
     def ingest(self, *files: TableSource, dry_run: bool = False, accept: bool = False) -> tuple[IngestReport, ...]:
         """Take in files or tables of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""

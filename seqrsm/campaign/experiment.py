@@ -53,7 +53,8 @@ def experiment_of(spec: CampaignSpec) -> dict[str, str]:
 def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, note: bool = True) -> None:
     """Note what simulated scores rest on, where it is new or ``accept``; refuse what differs from before.
 
-    Without ``note`` nothing is written. A new application, and a fixed parameter that became a factor, are no change.
+    Without ``note`` nothing is written. A new application is no change, nor is a fixed parameter that became a factor,
+    or a factor that became fixed: earlier runs keep the values that they had.
 
     Raises
     ------
@@ -68,12 +69,14 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     if before == now:
         return
     fresh, gone = now.keys() - before.keys(), before.keys() - now.keys()
-    apart = {f"[simulator.fixed] {factor.name}" for factor in spec.factors}
+    made = store.runs("scored", source="simulation")
+    held = set.intersection(*(set(run.settings) for run in made)) if made else set()
+    apart = {f"[simulator.fixed] {name}" for name in held.union(factor.name for factor in spec.factors)}
     apart |= {key for key in fresh | gone if key.startswith("utility of ")}
     if any(key.startswith("utility of ") for key in fresh):  # with code of its own
         apart |= {key for key in fresh if key.startswith("file ")}
     changed = sorted({key for key, _ in before.items() ^ now.items()} - apart)
-    if told and changed and not accept and store.runs("scored", source="simulation"):
+    if told and changed and not accept and made:
         raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
     if note:
         store.add_event(EXPERIMENT, {EXPERIMENT: now})

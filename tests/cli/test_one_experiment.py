@@ -160,6 +160,61 @@ def test_a_new_application_that_always_fails_ends_the_run(begun) -> None:
     assert scored(begun) == before
 
 
+def test_a_new_application_comes_from_the_images_before_any_other_run_is_proposed(begun) -> None:
+    """`propose` issued another initial design, which `simulate` beside the images that there were made needless."""
+    both = '[[application]]\nname = "second"\nutility = "percent_correct"\nhalf_width = 30.0\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    before = len(Campaign.open(begun).store.runs())
+    refused = RUNNER.invoke(app, ["propose", str(begun), "-n", "2"])
+    assert refused.exit_code == 2
+    assert "no simulated run has a score of 'second' yet. `seqrsm simulate` scores those" in refused.output
+    assert f"{before} runs completed" in RUNNER.invoke(app, ["simulate", str(begun)]).output
+    assert RUNNER.invoke(app, ["propose", str(begun), "-n", "2"]).exit_code == 0
+    assert len(Campaign.open(begun).store.runs()) == before + 2
+
+
+def test_a_new_application_that_scores_no_earlier_run_is_told_before_any_other_run_is_made(begun) -> None:
+    """Three batches had been simulated that failed for the same reason."""
+    both = '[[application]]\nname = "second"\nutility = "own:ice"\nhalf_width = 30.0\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    with (begun / "own.py").open("a", encoding="utf-8") as stream:
+        stream.write("def ice(image, scene, seed, run_id):\n    raise ValueError('no ice')\n")
+    before = Campaign.open(begun).store.runs()
+    refused = run(begun, "--accept")
+    assert refused.exit_code == 2
+    assert "earlier runs cannot be scored for the new application: [[application]] utility" in refused.output
+    assert "no ice" in refused.output
+    assert Campaign.open(begun).store.runs() == before
+
+
+def test_a_new_application_goes_without_runs_that_it_cannot_score(begun) -> None:
+    """They are tried once, and the others are fitted."""
+    both = '[[application]]\nname = "second"\nutility = "own:ice"\nhalf_width = 30.0\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    with (begun / "own.py").open("a", encoding="utf-8") as stream:
+        stream.write("def ice(image, scene, seed, run_id):\n    with open(f'{__file__}.tried', 'a') as tried:\n")
+        stream.write("        tried.write(f'{run_id} ')\n")
+        stream.write("    if run_id == 3:\n        raise ValueError('no ice')\n    return 50.0 + run_id % 5\n")
+    assert run(begun, "--accept", "--max-runs", "17").exit_code in (0, 3)
+    runs = Campaign.open(begun).store.runs("scored")
+    assert [one.run_id for one in runs if one.score_of("second") is None] == [3]
+    assert (begun / "own.py.tried").read_text(encoding="utf-8").split().count("3") == 1
+
+
+def test_a_factor_that_becomes_fixed_is_no_other_experiment(begun) -> None:
+    """Earlier runs keep the values that they had, in which they differ: told, as the factor's effect is scatter now."""
+    factor = '[[factor]]\nname = "polarization"\nlevels = ["HH", "HH+HV"]\n'
+    changed(begun, "campaign.toml", factor, "")
+    changed(begun, "campaign.toml", "[simulator.fixed]", '[simulator.fixed]\npolarization = "HH"')
+    assert RUNNER.invoke(app, ["check", str(begun)]).exit_code == 0
+    done = run(begun, "--max-runs", "17")
+    assert done.exit_code in (0, 3), done.output
+    assert "differ in polarization, which is no longer a factor: " in " ".join(done.output.split())
+    changed(begun, "campaign.toml", 'polarization = "HH"', 'polarization = "HV"')
+    refused = run(begun, "--max-runs", "20")
+    assert "[simulator.fixed] polarization was HH for earlier runs and is now HV" in " ".join(refused.output.split())
+
+
 def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
     (begun / "scene.npz").rename(begun / "away.npz")
     away = run(begun, "--max-runs", "17")
