@@ -53,9 +53,10 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
     heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
     void = {run.run_id for run in ledger.runs(RUNS.c.state == "void")} - heirs.keys()
+    already = None if same is None else FileRecord(same.name, same.sha256, same.row_count, same.ingested_at)
     # The same content may bring back what was made void since.
-    if same is not None and not (void and any(run.run_id in {None, *void} for run in file.runs)):
-        return IngestOutcome(already=FileRecord(same.name, same.sha256, same.row_count, same.ingested_at))
+    if already is not None and not (void and any(run.run_id in {None, *void} for run in file.runs)):
+        return IngestOutcome(already=already)
     before = len(problems)
     matched: list[int] = []
     created: list[int] = []
@@ -104,9 +105,11 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     applications = dict.fromkeys(ranking.application for ranking in file.rankings)
     ranked = tuple(score_rankings(ledger, application) for application in applications) if numbers else ()
     row = {"name": file.name, "sha256": file.sha256, "row_count": file.row_count}
-    if same is None:
+    if already is None:
         ledger.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
-    if same is None or matched or created:
+    elif not (matched or created or any(row.state == "void" for row in equal)):
+        return IngestOutcome(already=already)
+    if already is None or matched or created:
         detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
         ledger.log("ingested", [(None, detail)])
     return IngestOutcome(

@@ -615,6 +615,19 @@ def test_a_run_voided_by_mistake_comes_back_with_the_very_file_it_came_from(make
     assert folder.call("status", "--history").count("ingested:") == 3
 
 
+def test_a_file_without_run_ids_is_known_again_while_a_run_of_another_file_is_void(make):
+    """It brings nothing back: its rows were told as repeats that should differ in a date."""
+    folder = make()
+    first = f"{HEADER}\n2,12,HH,70\n3,12,HH,72\n"
+    folder.ingest(first, name="a.csv")
+    folder.ingest(f"{HEADER}\n4,12,HH,75\n", name="b.csv")
+    folder.call("void", 3, "--why", "a slip")
+    assert "The same content was ingested before, as 'a.csv'" in folder.ingest(first, name="a.csv")
+    folder.call("void", 1, "--why", "a slip")
+    assert "Line 2 equals run 1, which is void, and stays out; with run_id 1" in folder.ingest(first, name="a.csv")
+    assert [run["state"] for run in folder.runs()] == ["void", "scored", "void"]
+
+
 @pytest.mark.parametrize("day", ["03.02.2026", "3.2.26", "2/3/2026", "2026-02-03 00:00:00", "20260203"])
 def test_a_day_in_another_notation_makes_no_repeat(make, day):
     """A spreadsheet that saves a file again writes its days as it likes."""
