@@ -288,12 +288,14 @@ def test_runs_from_before_a_new_factor_are_kept_by_way_of_an_export(tmp_path) ->
 def test_a_factor_that_is_left_out_is_told_where_runs_differ_in_it(tmp_path) -> None:
     """Its effect is scatter from then on, which no other line of the results would say."""
     folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
-    fly(folder, bowl, 1)
+    flown = fly(folder, bowl, 2)
     assert not any("no longer a factor" in told for told in fitted(folder)["warnings"])
     edited(folder, KIND, "")
     said = "The runs differ in kind, which is no longer a factor: a, b. What it does to the score counts as scatter."
     assert sorted(fitted(folder)["warnings"])[-1] == said
     assert said in " ".join(call("fit", folder).output.split())
+    call("void", folder, *(row["run_id"] for row in flown if row["kind"] == "b"), "--why", "another kind")
+    assert not any("no longer a factor" in told for told in fitted(folder)["warnings"])  # the others are alike in it
 
 
 def test_the_start_design_of_a_new_application_is_of_its_own_scores(tmp_path) -> None:

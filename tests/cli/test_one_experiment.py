@@ -164,6 +164,9 @@ def test_a_new_application_comes_from_the_images_before_any_other_run_is_propose
     """`propose` issued another initial design, which `simulate` beside the images that there were made needless."""
     both = '[[application]]\nname = "second"\nutility = "percent_correct"\nhalf_width = 30.0\n\n[simulator]'
     changed(begun, "campaign.toml", "[simulator]", both)
+    events = Campaign.open(begun).store.events()
+    assert RUNNER.invoke(app, ["check", str(begun)]).exit_code == 0
+    assert Campaign.open(begun).store.events() == events  # looking notes nothing
     before = len(Campaign.open(begun).store.runs())
     refused = RUNNER.invoke(app, ["propose", str(begun), "-n", "2"])
     assert refused.exit_code == 2

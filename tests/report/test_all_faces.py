@@ -353,6 +353,10 @@ def _measured(analysis: Analysis) -> Section:
     (only,) = measure_section(known, (hardly,), "measure").blocks
     least = half_width_text(known, best.whole.half_width * float(np.sqrt(1.0 - 0.1 * 0.64)))
     assert str(only.text).endswith(f"Exact knowledge of covers would leave {least} at best.")
+    some = [{**one, "left": left} for one, left in zip(covers, (1.0, 0.5), strict=True)]
+    told = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), "measure")
+    assert told is not None
+    assert len(told.blocks) == len(found.blocks)  # where one cover counts the table stays
     assert measure_section(analysis, (), "measure") is None
     return found
 

@@ -16,6 +16,7 @@ from prm_cases import radiometer, scene
 from shorthands import still_radiometer
 
 from seqrsm.errors import SceneError
+from seqrsm.scattering.coherence import limited
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
@@ -35,6 +36,8 @@ from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import expected_spread, score_moisture
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar import occasion
+from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.radar.psm import expected_image, simulate_radar
 from seqrsm.simulate.radiometer.frame import local_angle_deg
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
@@ -547,6 +550,31 @@ def test_roughness_at_two_angles_is_related_as_it_is_drawn() -> None:
     found = _covariance(images, steps, np.array([0]), nothing, nothing)[0] / np.outer(sd, sd)
     channels, angle = np.array([[1.0, 0.75], [0.75, 1.0]]), np.exp(-20.0 / 45.0)
     np.testing.assert_allclose(found, np.kron([[1.0, angle], [angle, 1.0]], channels), rtol=1e-9)
+
+
+def test_parts_of_fields_are_related_by_the_angle_as_fields_are() -> None:
+    """Their texture: what of a part's offset its field has not."""
+    s, sky = bare_and_wooded(), {"earth": "flat", "soil_moisture_field_sd": 0.0, "soil_moisture_region_sd": 0.0}
+    parts = []
+    for visit, angle in zip((Visit(), Visit(member=1, angles_deg=(23.0, 43.0))), (23.0, 43.0), strict=True):
+        own = {"visit": visit, "depression_angle": 90.0 - angle, "texture_m": 10.0, **sky}
+        rough, plain = (radar_image(s, load_sigma0_table(), texture_db=db, **own).occasion for db in (1.0, 0.0))
+        _, parent = pieces(s, 10.0)
+        parts.append((rough.field_offset_db - plain.field_offset_db[:, parent])[0])
+    assert len(parts[0]) > 5000
+    assert np.corrcoef(parts)[0, 1] == pytest.approx(np.exp(-20.0 / 45.0), abs=0.03)
+
+
+def test_the_relation_of_hh_and_vv_of_fields_differs_by_the_angle_as_their_powers_do(monkeypatch) -> None:
+    drawn: list[np.ndarray] = []
+    monkeypatch.setattr(occasion, "limited", lambda relation: drawn.append(relation) or limited(relation))
+    s = land(("Bareground",), np.zeros_like(KINDS))
+    for run in range(12):
+        low_and_high(s, load_sigma0_table(), run, "HH+HV+VV+phase")
+    low, high = np.concatenate(drawn[::2]), np.concatenate(drawn[1::2])
+    assert len(low) >= 12 * 400
+    for one, other in ((low.real, high.real), (low.imag, high.imag)):
+        assert np.corrcoef(one, other)[0, 1] == pytest.approx(np.exp(-20.0 / 45.0), abs=0.04)
 
 
 def test_a_second_angle_tells_moisture_from_roughness() -> None:
