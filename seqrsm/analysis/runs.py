@@ -122,7 +122,7 @@ def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
         groups: dict[tuple[str, str | None, object], list[int]] = {}
         for one in error.problems:
             groups.setdefault((one.message, one.field, one.value), []).append(runs[(one.line or 1) - 1].run_id)
-        changed = "campaign.toml was changed since: restore the name, or void these runs."
+        changed = "campaign.toml was changed since: restore the factor, or void these runs."
         told = changed, f"{changed} If the factor is new, ingest them again as exported, with its value filled in."
         raise RegionError(
             *(

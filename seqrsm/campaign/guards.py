@@ -131,7 +131,7 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
                 )
         placed = [value for value in values if value > 0.0 or factor.scale == "linear"]
         if np.max(np.abs(factor.code(placed)), initial=0.0) > _NO_REGION:
-            message = f"scored runs lie hundreds of times the width of the range of '{factor.name}' outside it"
+            message = f"scored runs lie more than a hundred times the width of the range of '{factor.name}' outside it"
             remedy = "Restore it, or void those runs."
             raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME), field="range", value=span(factor))
 

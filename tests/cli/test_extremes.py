@@ -257,8 +257,20 @@ def test_a_renamed_factor_or_level_names_the_runs(tmp_path, old, new, says) -> N
     for command in ("fit", "propose", "status"):
         told = call(command, folder, code=2).output
         assert says in told
-        assert "restore the name, or void these runs" in told
+        assert "restore the factor, or void these runs" in told
         assert told.count("error:") == 1
+
+
+def test_a_scale_that_runs_have_no_place_on_names_them(tmp_path) -> None:
+    """The remedy was to restore a name."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 1)
+    edited(folder, 'name = "x1"\nlow = -1.0\nhigh = 1.0', 'name = "x1"\nlow = 0.5\nhigh = 1.0\nscale = "log"')
+    for command in ("fit", "propose", "status"):
+        told = call(command, folder, code=2).output
+        assert "x1: runs " in told
+        assert "a logarithmic factor takes positive values only (got -1.0). campaign.toml was changed since: " in told
+        assert "restore the factor, or void these runs" in told
 
 
 def test_runs_from_before_a_new_factor_are_kept_by_way_of_an_export(tmp_path) -> None:
@@ -321,7 +333,7 @@ def test_a_region_that_no_run_lies_in_is_reported(tmp_path) -> None:
     edited(folder, "high = 0.64", "high = 0.6100064")
     for command in ("fit", "status", "propose"):
         told = " ".join(call(command, folder, code=2).output.split())
-        assert "scored runs lie hundreds of times the width of the range of 'x0' outside it (got (0.61, 0.61" in told
+        assert "scored runs lie more than a hundred times the width of the range of 'x0' outside it (got (0.61," in told
 
 
 def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> None:
