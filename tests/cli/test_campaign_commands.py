@@ -328,6 +328,9 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     assert seqrsm("propose", folder, "-n", 2, "--source", "flight").exit_code == 0
     result = seqrsm("run", folder, "--max-runs", 19)
     assert "The budget, 19 of the campaign's 40 runs, was spent before the stop rule was met. 2 issued" in result.stdout
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(text.replace("max_runs = 40", "max_runs = 19"), encoding="utf-8")
+    assert "The budget was spent before the stop rule was met. 2 issued" in seqrsm("run", folder).stdout
 
 
 def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:

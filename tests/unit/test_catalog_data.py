@@ -120,6 +120,12 @@ def test_range_prints() -> None:
     ]  # fmt: skip
 
 
+def test_notes_are_those_of_the_row_and_of_its_section() -> None:
+    told = {e.note for e in CATALOG.entries if e.table == "A.7" and e.system == "passive"}
+    assert told
+    assert all(note.endswith("The two sides of one resolution cell, not a range.") for note in told)
+
+
 def test_starts_without_heavy_libraries_and_reads_once() -> None:
     code = (
         "import sys\nfrom seqrsm.catalog import start, tables\nassert tables.load_catalog() is tables.load_catalog()\n"

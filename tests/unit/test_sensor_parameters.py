@@ -308,6 +308,8 @@ def test_every_level_becomes_the_value_of_its_field(load, engine, row):
         else:
             assert value == written
             assert isinstance(value, {"whole": int, "number": float}.get(row.kind, str))
+        for end in (row.low, row.high):  # which messages print
+            assert isinstance(end, int) == (row.kind == "whole") or math.isinf(end)
 
 
 @each_row

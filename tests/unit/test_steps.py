@@ -214,7 +214,11 @@ def test_a_gain_is_the_difference_of_scores_that_there_can_be(tmp_path) -> None:
     (step,) = found.steps
     assert found.optimum.mean == 100.0
     assert step.gain == pytest.approx(step.mean - 100.0)
-    assert -100.0 <= step.interval.low <= step.gain <= step.interval.high
+    rows = found.model.matrix(found.region.code([{**found.optimum.settings, "bands": level} for level in ("L", "C")]))
+    low, high = np.clip(found.posterior.term_draws @ rows.T, 0.0, 100.0).T
+    wanted = np.quantile(low - high, [0.025, 0.975])
+    assert (step.interval.low, step.interval.high) == pytest.approx(wanted, abs=1.0)
+    assert step.interval.low <= step.gain <= step.interval.high
 
 
 @pytest.mark.parametrize("high", [8e-6, 0.5, 40.0, 3e7])

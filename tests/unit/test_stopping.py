@@ -196,7 +196,7 @@ def test_a_target_below_the_noise_floor_is_told_with_what_the_mean_of_runs_would
 
 def test_a_budget_below_the_runs_that_the_rule_asks_for_is_told() -> None:
     """However narrow the interval is: by the interval and the loss alone the campaign seemed to need 33 runs more."""
-    decision = look(replace(RULE, half_width=30.0, max_runs=60), n_runs=39, n_terms=36, df_residual=3)
+    decision = look(replace(RULE, half_width=30.0, max_runs=56), n_runs=39, n_terms=36, df_residual=3)
     assert decision.reasons == ("39 runs for 36 terms; 56 are required (20 degrees of freedom).",)
     decision = look(replace(RULE, half_width=30.0, max_runs=55), n_runs=39, n_terms=36, df_residual=3)
     assert decision.reasons[0].endswith("56 are required (20 degrees of freedom), more than the budget of 55 runs.")
