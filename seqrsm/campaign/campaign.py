@@ -82,7 +82,7 @@ class Campaign:
         self.spec = spec
         self.store = store
         self.folder = spec.folder
-        self._tried: set[int] = set()  # earlier runs, for a new application: what fails now fails again
+        self._tried: set[int] = set()  # of earlier runs for a new application, which are tried once
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -245,10 +245,9 @@ class Campaign:
         if not active:
             return start_batch(self.spec, own, failed=failed)
         if not analyses:
-            for one in self.spec.applications if own == "simulation" and self._without_a_score() else ():
-                if not any(run.score_of(one.name) for run in active):
-                    message = f"no simulated run has a score of '{one.name}' yet"
-                    raise StoreError(message, "`seqrsm simulate` scores those that there are, from the same images.")
+            if own == "simulation" and self._without_a_score() and (names := self._unscored()):
+                message = f"no simulated run has a score of '{names[0]}' yet"
+                raise StoreError(message, "`seqrsm simulate` scores those that there are, from the same images.")
             waiting = [run for run in active if run.state in WAITING]
             names = [one.name for one in self.spec.applications]
             sets = ([run for run in active if run.state in WAITING or run.score_of(name)] for name in names)
@@ -266,13 +265,13 @@ class Campaign:
     ) -> tuple[RunRecord, ...]:
         """Carry out every issued simulation run; each score is durable as soon as it is there.
 
-        Returns the runs carried out in this call, failed ones included.
+        Returns the runs carried out in this call, failed ones and earlier ones for a new application included.
 
         Raises
         ------
         StoreError, FitError, SpecError
             What scores are made from has changed since the runs so far, or what they are scores of; see
-            `seqrsm.campaign.experiment`, `see_names` and `see_units`.
+            `seqrsm.campaign.experiment`, `see_names` and `see_units`. Or a new application scores no earlier run.
         """
         if self.spec.simulator is not None:
             from seqrsm.campaign.experiment import see_experiment
@@ -303,6 +302,11 @@ class Campaign:
         runs = self.store.runs("scored", source="simulation")
         own = (run for run in runs if not any(score.source_file for score in run.scores))
         return [run for run in own if names - {score.application for score in run.scores}]
+
+    def _unscored(self) -> list[str]:
+        """Applications that no simulated run has a score of."""
+        made = self.store.runs("scored", source="simulation")
+        return [one.name for one in self.spec.applications if not any(run.score_of(one.name) for run in made)]
 
     def _measure_ground(self, workers: int, cluster: str | None) -> None:
         """Once, when there are scores enough to fit: simulate two occasions in each of some worlds.
@@ -501,8 +505,8 @@ class Campaign:
                     self.store.fail(run.run_id, result.failure, result.fault)
                     if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
-        if lost and len(lost) == len(claimed):
-            message = f"earlier runs cannot be scored for the new application: {lost[0]}"
+        if lost and (names := self._unscored()):
+            message = f"earlier runs cannot be scored for '{names[0]}': {lost[0]}"
             raise StoreError(message, file=str(self.folder / SPEC_NAME))
 
     def ingest(self, *files: TableSource, dry_run: bool = False, accept: bool = False) -> tuple[IngestReport, ...]:

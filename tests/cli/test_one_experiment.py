@@ -185,7 +185,7 @@ def test_a_new_application_that_scores_no_earlier_run_is_told_before_any_other_r
     before = Campaign.open(begun).store.runs()
     refused = run(begun, "--accept")
     assert refused.exit_code == 2
-    assert "earlier runs cannot be scored for the new application: [[application]] utility" in refused.output
+    assert "earlier runs cannot be scored for 'second': [[application]] utility" in refused.output
     assert "no ice" in refused.output
     assert Campaign.open(begun).store.runs() == before
 
@@ -202,6 +202,8 @@ def test_a_new_application_goes_without_runs_that_it_cannot_score(begun) -> None
     runs = Campaign.open(begun).store.runs("scored")
     assert [one.run_id for one in runs if one.score_of("second") is None] == [3]
     assert (begun / "own.py.tried").read_text(encoding="utf-8").split().count("3") == 1
+    again = RUNNER.invoke(app, ["simulate", str(begun)])  # tries it once more, and goes on
+    assert again.exit_code == 0, again.output
 
 
 def test_a_factor_that_becomes_fixed_is_no_other_experiment(begun) -> None:
