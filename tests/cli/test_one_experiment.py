@@ -210,6 +210,9 @@ def test_a_factor_that_becomes_fixed_is_no_other_experiment(begun) -> None:
     """Earlier runs keep the values that they had, in which they differ: told, as the factor's effect is scatter now."""
     factor = '[[factor]]\nname = "polarization"\nlevels = ["HH", "HH+HV"]\n'
     changed(begun, "campaign.toml", factor, "")
+    before = Campaign.open(begun).store.runs()
+    assert "polarization: missing. Make it a factor or give it under [simulator.fixed]" in run(begun).output
+    assert Campaign.open(begun).store.runs() == before  # three batches had failed for it
     changed(begun, "campaign.toml", "[simulator.fixed]", '[simulator.fixed]\npolarization = "HH"')
     assert RUNNER.invoke(app, ["check", str(begun)]).exit_code == 0
     done = run(begun, "--max-runs", "17")
