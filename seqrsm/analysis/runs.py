@@ -134,12 +134,13 @@ def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
 
 def former_factors(region: Region, runs: Sequence[RunRecord], data: ScoredRuns) -> list[str]:
     """What to tell of settings in which the runs of a fit differ without a factor that accounts for it."""
-    used = set(data.run_ids.tolist())
+    used, factors = set(data.run_ids.tolist()), set(region.names)
     found: dict[str, dict[str, None]] = {}
     for run in runs:
-        for name in run.settings.keys() - set(region.names) if run.run_id in used else ():
-            value = run.settings[name]
-            found.setdefault(name, {})[value if isinstance(value, str) else f"{value:g}"] = None
+        if run.run_id in used:
+            for name in run.settings.keys() - factors:
+                value = run.settings[name]
+                found.setdefault(name, {})[value if isinstance(value, str) else f"{value:g}"] = None
     return [
         f"The runs differ in {name}, which is no longer a factor: {', '.join(list(values)[:LISTED_RUNS])}"
         f"{', ...' if len(values) > LISTED_RUNS else ''}. What it does to the score counts as scatter."

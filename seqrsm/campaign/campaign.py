@@ -245,8 +245,8 @@ class Campaign:
         if not active:
             return start_batch(self.spec, own, failed=failed)
         if not analyses:
-            if own == "simulation" and self._without_a_score() and (names := self._unscored()):
-                message = f"no simulated run has a score of '{names[0]}' yet"
+            if own == "simulation" and self._without_a_score() and (unscored := self._unscored()):
+                message = f"no simulated run has a score of '{unscored[0]}' yet"
                 raise StoreError(message, "`seqrsm simulate` scores those that there are, from the same images.")
             waiting = [run for run in active if run.state in WAITING]
             names = [one.name for one in self.spec.applications]
@@ -487,16 +487,20 @@ class Campaign:
 
         cells = self.cells_of_ground()
         tasks = [task_of(self.spec, run.run_id, run.proposed, cells) for run in claimed]
+        for k, run in enumerate(claimed):
+            if run.state == "scored":
+                missing = tuple(utility for utility in tasks[k].utilities if run.score_of(utility[0]) is None)
+                tasks[k] = replace(tasks[k], utilities=missing)
         files = files_of(tasks[0]) if cluster is not None else ()
         lost: list[str] = []
         with heartbeat(self.store):
             for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
                 run = claimed[index]
                 if run.state == "scored":
-                    late = () if isinstance(result, Lost) else result.scores
-                    new = [score for score in late if run.score_of(score.application) is None]
-                    self.store.record_scores(run.run_id, new)
-                    lost += () if new else (result.reason if isinstance(result, Lost) else result.failure,)
+                    if scores := getattr(result, "scores", ()):
+                        self.store.record_scores(run.run_id, scores)
+                    else:
+                        lost.append(result.reason if isinstance(result, Lost) else result.failure)
                 elif isinstance(result, Lost):
                     self.store.fail(run.run_id, result.reason)
                 elif not result.failure:

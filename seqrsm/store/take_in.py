@@ -55,7 +55,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     void = {run.run_id for run in ledger.runs(RUNS.c.state == "void")} - heirs.keys()
     already = None if same is None else FileRecord(same.name, same.sha256, same.row_count, same.ingested_at)
     # The same content may bring back what was made void since.
-    if already is not None and not (void and any(run.run_id in {None, *void} for run in file.runs)):
+    if already is not None and not (void and any(run.run_id is None or run.run_id in void for run in file.runs)):
         return IngestOutcome(already=already)
     before = len(problems)
     matched: list[int] = []
