@@ -8,13 +8,14 @@ What is told of a future is told of ``runs`` occasions over one ground, as the s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import ndtr, ndtri, stdtrit
 
 from seqrsm.analysis.belief import mixed_quantiles
-from seqrsm.analysis.ground import future_sd
+from seqrsm.analysis.ground import future_sds
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import joint_draws
@@ -80,47 +81,49 @@ def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: fl
         Occasions over one ground; ``inf`` for the mean of all.
     """
     difference, df = sensor - optimum, optimum.shape[0] - 1
-    mean, of_mean, _ = _moments(difference.mean(axis=0), runs)
-    half = float(stdtrit(df, 0.5 + 0.5 * level))
+    mean, half = float(difference.mean()), float(stdtrit(df, 0.5 + 0.5 * level)) * _error(difference.mean(axis=0))
     ends = (_quantile(difference, 0.5 + side * 0.5 * level, runs) for side in (-1.0, 1.0))
     judged = difference if rule.relative else sensor
     share = float(np.mean([_beyond(place, rule, runs) for place in judged]))
     return Comparison(
         score=float(sensor.mean()),
         difference=mean,
-        confidence=Interval(mean - half * of_mean, mean + half * of_mean),
+        confidence=Interval(mean - half, mean + half),
         one_ground=Interval(*ends),
         probability=share,
     )
 
 
-def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:
-    """Mean of scores (worlds, occasions), its standard error, and that of a future mean over one ground."""
-    error = math.sqrt(float(np.var(scores.mean(axis=1), ddof=1)) / len(scores))
-    return float(scores.mean()), error, math.hypot(future_sd(scores, runs), error)
+def _error(scores: FloatArray) -> float:
+    """Standard error of the mean of scores (worlds, occasions)."""
+    return math.sqrt(float(np.var(scores.mean(axis=1), ddof=1)) / len(scores))
+
+
+def _sds(scores: FloatArray, runs: float) -> FloatArray:
+    """What the standard deviation of a future mean about that of scores (worlds, occasions) may be (m,)."""
+    return np.hypot(future_sds(scores, runs), _error(scores))
 
 
 def _quantile(scores: FloatArray, p: float, runs: float) -> float:
     """Quantile of a future mean over one ground at any of the places, from scores (places, worlds, occasions)."""
-    df = scores.shape[1] - 1
-    mean, _, sd = np.array([_moments(place, runs) for place in scores]).T
-    sd = np.maximum(sd, 1e-9)
-    each = mean + stdtrit(df, p) * sd
+    sd = np.maximum([_sds(place, runs) for place in scores], 1e-9)
+    mean = scores.mean(axis=(1, 2))[:, None]
+    each = (mean + ndtri(p) * sd).ravel()
 
     def below(x: FloatArray, _: IntArray) -> FloatArray:
-        return np.asarray(np.mean(stdtr(df, (x - mean[:, None]) / sd[:, None]), axis=0))
+        return np.asarray(np.mean(ndtr((x - mean[..., None]) / sd[..., None]), axis=(0, 1)))
 
     return float(where_reached(p, each[:, None], np.array([1e-9]), below)[0])
 
 
 def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
-    mean, _, of_future = _moments(scores, runs)
-    gap = rule.sign * (mean - rule.score)
-    return float(stdtr(len(scores) - 1, gap / of_future)) if of_future > 0.0 else float(gap >= 0.0)
+    gap = rule.sign * (float(scores.mean()) - rule.score)
+    sd = _sds(scores, runs)
+    return float(np.mean(ndtr(gap / sd))) if sd.any() else float(gap >= 0.0)
 
 
 def by_surface(
-    analysis: Analysis, points: FloatArray, rule: Sufficing, sds: tuple[float, float], rng: np.random.Generator
+    analysis: Analysis, points: FloatArray, rule: Sufficing, sds: Sequence[FloatArray], rng: np.random.Generator
 ) -> Comparison:
     """Compare two settings of the region by what is believed of the surface.
 
@@ -130,8 +133,8 @@ def by_surface(
     points : ndarray (2, k)
         The sensor's and the optimum's settings, coded.
     rule : Sufficing
-    sds : tuple of float
-        Of a future difference, and of a future score, over one ground about the surface, see `future_sd`.
+    sds : sequence of two ndarray (m,)
+        Of a future difference, and of a future score, over one ground about the surface; one as probable as the other.
     rng : Generator
     """
     fitted, optimism, level = analysis.fitted, analysis.optimum.optimism, analysis.optimum.level
@@ -142,10 +145,14 @@ def by_surface(
     drawn = joint_draws(fitted, points, analysis.posterior.term_draws, rng)
     parts = [(np.clip(scale.to_score(one) - less, *limits), share) for one, share in drawn]
     gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
-    futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]
+
+    def to_come(one: FloatArray, of: FloatArray) -> FloatArray:
+        return np.asarray(one + rng.choice(of, len(one)) * rng.standard_normal(len(one)))
+
+    futures = [(to_come(one, sds[0]), share) for one, share in gains]
     judged = futures
     if not rule.relative:
-        judged = [(one[:, 0] + sds[1] * rng.standard_normal(len(one)), share) for one, share in parts]
+        judged = [(to_come(one[:, 0], sds[1]), share) for one, share in parts]
     mean = np.clip(mean - less, *limits)
     return Comparison(
         score=float(mean[0]),

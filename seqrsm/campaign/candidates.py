@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared
-from seqrsm.analysis.ground import N_WORLDS, OCCASIONS, future_sd
+from seqrsm.analysis.ground import N_WORLDS, OCCASIONS, future_sds
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import fields_to_json, interval_to_json
 from seqrsm.arrays import FloatArray
@@ -293,13 +293,13 @@ class _Comparer:
         if common := analysis.fitted.common_sd:
             of_day = variance * (common / analysis.fitted.scatter(analysis.optimum.point)[0]) ** 2
         chance = (variance - of_day) / self.runs
-        sds = math.sqrt(2.0 * chance), math.sqrt(chance + of_day)
+        sds = np.sqrt([2.0 * chance]), np.sqrt([chance + of_day])
         if self.optimum is not None:
             own = self._simulated([self._own(candidate)], self.tasks)[0]
             whole = np.isfinite(own).all(axis=1) & np.isfinite(self.optimum).all(axis=1)
             if whole.sum() > 1:
-                sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
-        if math.isnan(sds[0]):
+                sds = future_sds((own - self.optimum)[whole], self.runs), future_sds(own[whole], self.runs)
+        if np.isnan(sds[0]).any():
             raise ConfigurationError("nothing is known of the scatter of scores until there are more runs than terms")
         return by_surface(analysis, points, self.rule, sds, generator(self.spec.seed, 0, "candidates"))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.campaign.candidates import why_not
@@ -43,6 +44,18 @@ def test_intervals_and_probability_hold_for_drawn_grounds(runs: float, occasions
     assert inside_mean / n == pytest.approx(level, abs=0.025)
     assert inside_ground / n == pytest.approx(level, abs=0.025)
     assert promised / n == pytest.approx(kept / n, abs=0.05)
+
+
+@pytest.mark.parametrize(("runs", "share"), [(5.0, 0.4), (np.inf, 0.3)])
+def test_an_interval_counts_that_few_worlds_tell_little_of_chance(runs: float, share: float) -> None:
+    """More occasions than were simulated, most of whose variance is chance: Student's t would hold 94 and 88 %."""
+    rng, inside = np.random.default_rng(5), []
+    future = stats.norm(0.0, np.sqrt(share + (1.0 - share) / runs))
+    for _ in range(600):
+        made = np.sqrt(share) * rng.normal(size=(16, 1)) + np.sqrt(1.0 - share) * rng.normal(size=(16, 2))
+        found = compared(made[None], np.zeros((16, 2)), Sufficing(0.0, True, 1.0), 0.95, runs).one_ground
+        inside.append(future.cdf(found.high) - future.cdf(found.low))
+    assert np.mean(inside) == pytest.approx(0.955, abs=0.01)
 
 
 def test_one_ground_lies_at_any_place_of_the_swath() -> None:

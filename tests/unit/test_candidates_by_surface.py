@@ -26,7 +26,7 @@ def told(found, points, rule, optimism=OPTIMISM, limits=(-np.inf, np.inf)):
     application = SimpleNamespace(goal=found.goal, score_limits=limits)
     fitted, optimum = replace(found.fitted, application=application), replace(found.optimum, optimism=optimism)
     of = replace(found, fitted=fitted, optimum=optimum)
-    return by_surface(of, points, rule, (SD_DIFFERENCE, SD_SCORE), np.random.default_rng(1))
+    return by_surface(of, points, rule, (np.array([SD_DIFFERENCE]), np.array([SD_SCORE])), np.random.default_rng(1))
 
 
 def expected(found, points):
