@@ -24,6 +24,7 @@ from seqrsm.scattering.models import (
     backscatter_ulaby89_db,
     permittivity_soil,
     reflectivity_fresnel,
+    soil_response_baghdadi16,
 )
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, numbers_of, shipped_rows
 from seqrsm.units import db_to_linear, linear_to_db
@@ -45,6 +46,9 @@ Statuses: TypeAlias = tuple[tuple[str, ...], ...]
 
 _COMPUTED: Final[Statuses] = (("computed",) * 3,) * len(_MODEL_NODES_GHZ)
 _OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 70.0)
+MOISTURE_FELT: Final = (0.04, 0.45)
+"""Volumetric moisture of bare soil beyond which nothing changes (assumed) [m3/m3]."""
+_BAGHDADI16_THETA_DEG = (18.0, 57.0)
 _THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
 
 
@@ -139,16 +143,20 @@ def continued_db(value_db: FloatArray, last_deg: float) -> FloatArray:
 
 
 def moisture_change_db(frequency_ghz: float, rms_height_m: float, moisture: float, reference: float) -> FloatArray:
-    """Change of bare-soil backscatter from ``reference`` to ``moisture`` by Oh 2004: float64 array (3, 91) [dB].
+    """Change of bare-soil backscatter from ``reference`` to ``moisture``: float64 array (3, 91) [dB].
 
-    Moisture, roughness and angle are held at the edges of the model's range (0.04 to 0.291, ks 0.13 to 6.98, 10 to 70
-    degrees).
+    Half of what Oh 2004 says of prepared fields and half of what Baghdadi et al. 2016 say of farmed ones, which differ
+    by a factor of two at most. Moisture, roughness and angle are held at the edges of each one's range (0.04 to 0.291,
+    ks 0.13 to 6.98, 10 to 70 degrees, and 0.04 to 0.45, 18 to 57 degrees).
     """
     ks = float(np.clip(wavenumber_rad_m(frequency_ghz) * rms_height_m, *_OH04_KS))
     theta = np.deg2rad(np.clip(THETA_DEG, *_OH04_THETA_DEG))
-    wet = backscatter_oh04(float(np.clip(moisture, *_OH04_MOISTURE)), ks, theta)
-    dry = backscatter_oh04(float(np.clip(reference, *_OH04_MOISTURE)), ks, theta)
-    return linear_to_db(np.stack(wet) / np.stack(dry))
+    wet, dry = (
+        np.stack(backscatter_oh04(float(np.clip(mv, *_OH04_MOISTURE)), ks, theta)) for mv in (moisture, reference)
+    )
+    by_moisture, _ = soil_response_baghdadi16(np.deg2rad(np.clip(THETA_DEG, *_BAGHDADI16_THETA_DEG)))
+    more = float(np.clip(moisture, *MOISTURE_FELT) - np.clip(reference, *MOISTURE_FELT))
+    return 0.5 * (linear_to_db(wet / dry) + more * by_moisture)
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,6 +103,31 @@ def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Ba
     return Backscatter(np.asarray(co_ratio * vv), np.asarray(hv), np.asarray(vv))
 
 
+def soil_response_baghdadi16(theta: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """What moisture and roughness do to the backscatter of bare soil.
+
+    Parameters
+    ----------
+    theta : float array (...)
+        Incidence angle [rad], 18 to 57 degrees.
+
+    Returns
+    -------
+    float64 array (3, ...)
+        Change of HH, HV and VV with volumetric moisture [dB per m^3/m^3].
+    float64 array (3, ...)
+        Change with the root-mean-square height [dB per factor of ten].
+
+    Notes
+    -----
+    Baghdadi et al. 2016, "A new empirical model for radar scattering from bare soil surfaces", Remote Sensing 8(11),
+    920: ``10^(g mv cot t) (k s)^(h sin t)``, mv in percent, fitted to images of farmed fields in L, C and X band.
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    by_moisture, by_height = (np.reshape(one, (3, *(1,) * theta.ndim)) for one in ((0.9, 1.1, 0.8), (8.6, 4.4, 7.1)))
+    return 10.0 * by_moisture / np.tan(theta), by_height * np.sin(theta)
+
+
 def backscatter_layer_ulaby14(
     ground: ArrayLike, ground_reflectivity: ArrayLike, albedo: ArrayLike, optical_depth: ArrayLike, theta: ArrayLike
 ) -> FloatArray:

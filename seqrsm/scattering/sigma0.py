@@ -22,8 +22,17 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, on_day, share_of_c
 from seqrsm.scattering.coherence import Relation
-from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, shipped_curves, weakest
+from seqrsm.scattering.curves import (
+    MOISTURE_FELT,
+    THETA_DEG,
+    Curve,
+    limit_db,
+    moisture_change_db,
+    shipped_curves,
+    weakest,
+)
 from seqrsm.scattering.longtable import read_long_table
+from seqrsm.scattering.models import soil_response_baghdadi16
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import World, default_mean_sd
@@ -37,10 +46,15 @@ INTERPOLATION_SD_DB: Final = 1.2
 _EXTRAPOLATION_SD_DB: Final = 2.4  # assumed: twice the interpolation's
 _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
-_OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
+_ROUGHNESS_DECADES: Final = 0.2
+"""Standard deviation of the logarithm, base 10, of the rms height between fields of one ground (assumed)."""
+_USUAL_SOIL_DB: Final = (1.42, 1.10, 1.42)  # spread of fields of bare soil, of which that is a part: HH, HV, VV
 _UNKNOWN_SD_DB: Final = 2.0
 _SOIL, _LEVEL_DEG = "Bareground", 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
+_ROUGHNESS_SHARE: Final[FloatArray] = (
+    _ROUGHNESS_DECADES * soil_response_baghdadi16(math.radians(_LEVEL_DEG))[1] / np.array(_USUAL_SOIL_DB)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +94,8 @@ class Sigma0Lookup:
         Standard deviation of the mean about that of a given ground [dB], interpolation in frequency included.
     channel_correlation : float
         Correlation of the field-to-field draws of two channels.
+    roughness_share : float64 array (n_categories,)
+        Part of the standard deviation from field to field that is owed to roughness, at 40 deg; 0 but for bare soil.
     course : Course or None
         How the categories go through the year, where a day was asked for.
     status : tuple of str
@@ -97,7 +113,18 @@ class Sigma0Lookup:
     channel_correlation: float
     status: tuple[str, ...]
     notes: tuple[str, ...]
+    roughness_share: FloatArray
     course: Course | None = None
+
+    def of_fields_db(self, theta_deg: float) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations (n_categories,) between fields at an incidence angle [deg] that add in squares [dB].
+
+        Of what each frequency, angle and date sees more or less apart, and of the roughness of bare soil, which all of
+        them see alike; this grows with the sine of the angle, that does not.
+        """
+        rough = self.field_sd_db * self.roughness_share
+        sine = math.sin(math.radians(theta_deg)) / math.sin(math.radians(_LEVEL_DEG))
+        return np.sqrt(np.square(self.field_sd_db) - np.square(rough)), rough * sine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +194,7 @@ class Sigma0Table:
         wind_m_s : float
             Wind at 10 m [m/s], which only water feels: 2 to 10.
         soil_moisture : float
-            Volumetric moisture [m^3/m^3], which only bare soil feels: 0 to 0.6, effective from 0.04 to 0.291.
+            Volumetric moisture [m^3/m^3], which only bare soil feels: 0 to 0.6, effective from 0.04 to 0.45.
         snow : {"none", "dry", "wet"}
             Snow on everything but trees and buildings, whose echo comes from above it.
         snow_depth_cm : float
@@ -211,6 +238,7 @@ class Sigma0Table:
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
+            roughness_share=_ROUGHNESS_SHARE[POLARIZATIONS.index(channel)] * np.array([found[n].soil for n in names]),
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
@@ -244,12 +272,13 @@ class _State(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a look-up finds for one category: sigma0 [dB] (91,), sd of its mean [dB], status, its kin, notes."""
+    """What a look-up finds of a category: sigma0 [dB] (91,), sd of its mean [dB], status, kin, if it is soil, notes."""
 
     value_db: FloatArray
     mean_sd_db: float
     status: str
     kin: str
+    soil: bool
     notes: tuple[str, ...]
 
 
@@ -272,7 +301,7 @@ def _in_world(curve: Curve, channel: str, state: _State, world: World | None) ->
         raise ScatteringDataError(text, "Add its rows at every frequency of the category", field="polarization")
     if world is not None and sd > 0.0:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
-    return _Found(at_channel, sd, statuses[c], curve.kin, notes)
+    return _Found(at_channel, sd, statuses[c], curve.kin, curve.soil_rms_height_m is not None, notes)
 
 
 @lru_cache(maxsize=256)  # the channels of a run, and runs of one frequency, ask for the same
@@ -368,9 +397,12 @@ def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArr
 def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     """Change (3, 91) [dB] that soil moisture makes."""
     mv, reference = state.soil_moisture, curve.reference_moisture
-    low, high = _OH04_MOISTURE_RANGE
+    low, high = MOISTURE_FELT
     held = "" if low <= mv <= high else f", held at {low if mv < low else high:g}"
-    notes.append(f"soil moisture {mv:.3g} m3/m3 against {reference:g} by Oh 2004{held} (rms height assumed)")
+    notes.append(
+        f"soil moisture {mv:.3g} m3/m3 against {reference:g} by Oh 2004 and "
+        f"Baghdadi et al. 2016{held} (rms height assumed)"
+    )
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 

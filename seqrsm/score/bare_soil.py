@@ -164,9 +164,12 @@ def _covariance(
     related = np.where(same, 1.0, np.outer(shared, shared))
     looks_from = [(radar.frequency_ghz, math.degrees(radar.centre_incidence_rad)) for radar, _ in seen_by]
     related *= [[related_fields(f, g, abs(a - b)) for g, b in looks_from] for f, a in looks_from]
-    sd, part = np.stack([look.field_sd_db[kind] for look in looks]), np.sqrt(of_parts)
+    of_fields = [look.of_fields_db(angle) for look, (_, angle) in zip(looks, looks_from, strict=True)]
+    sd, rough = (np.stack([one[kind] for one in every]) for every in zip(*of_fields, strict=True))
+    part = np.sqrt(of_parts)
     both = np.einsum("cn,dn->ncd", sd, sd) + np.einsum("cn,dn->ncd", part, part)
-    return np.asarray(related * both + np.einsum("cn,cd->ncd", of_speckle, np.eye(len(looks))))
+    alike = np.einsum("cn,dn->ncd", rough, rough) + np.einsum("cn,cd->ncd", of_speckle, np.eye(len(looks)))
+    return np.asarray(related * both + alike)
 
 
 def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:

@@ -124,6 +124,9 @@ class Lookup:
     channel_correlation: float = 0.0
     notes: tuple = ()
 
+    def of_fields_db(self, theta_deg):  # noqa: ARG002
+        return self.field_sd_db, np.zeros_like(self.field_sd_db)
+
 
 @dataclass(eq=False)
 class Table:

@@ -163,6 +163,8 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "L, full": (on("L", FULL),),
     "C+L, full": (on("C+L", FULL),),
     "C, full": (on("C", FULL),),
+    "C, HH, 12 deg": (on("C", "HH", **at(12.0), **HIGH),),
+    "C, HH, 40 deg": (on("C", "HH", **at(40.0), **HIGH),),
     "C, HH, 23 deg": (on("C", "HH", **at(23.0)),),
     "C, HH+HV, 23 deg": (on("C", "HH+HV", **at(23.0)),),
     "C, HH, 23 and 43 deg": (at_angles("HH", 23.0, 43.0),),

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, nominal_ground_state
-from seqrsm.simulate.visits import ONCE
+from seqrsm.simulate.visits import ONCE, Visit, related_fields
 
 
 def radar(polarization):
@@ -25,6 +26,7 @@ def lookup(field_sd=(1.5, 0.5), date_sd=(2.0, 1.0), correlation=0.6):
         date_sd_db=np.array(date_sd),
         channel_correlation=correlation,
         course=None,
+        of_fields_db=lambda _: (np.array(field_sd), np.zeros(2)),
     )
 
 
@@ -82,3 +84,43 @@ def test_the_record_is_plain_data():
     record = json.loads(json.dumps(o.record(("HH", "VV"), ("Wheat", "Water"))))
     assert record["soil_moisture"] == 0.2
     assert set(record["class_offset_db"]["HH"]) == {"Wheat", "Water"}
+
+
+def bare_offsets(frequency_ghz: float, angle_deg: float, channels: str, n: int, day: float | None = None) -> np.ndarray:
+    """Offsets (channels, n) of fields of bare soil [dB], less what all share."""
+    settings = {"frequency": frequency_ghz, "polarization": channels, "resolution": 20, "bandwidth": 50}
+    of_run = {**settings, "peak_power": 1.0, "depression_angle": 90.0 - angle_deg}
+    own = from_settings(of_run, {"altitude_m": 60_000.0})
+    table = load_sigma0_table()
+    looks = [table.lookup(["Bareground"], frequency_ghz, channel, day=day) for channel in own.recorded]
+    visit = ONCE if day is None else Visit((day,))
+    made = draw_occasion(own, looks, np.zeros(n, dtype=np.uint8), (0.2, 5.0), visit, seed=1, run_id=1)
+    return made.field_offset_db
+
+
+@pytest.mark.parametrize("day", [None, 120.0])
+def test_bare_fields_depart_the_more_by_roughness_the_higher_the_angle(day: float | None) -> None:
+    """Baghdadi et al. 2016: 8.6, 4.4 and 7.1 dB times sin(angle) for ten times the height (HH, HV, VV)."""
+    n, decades = 40_000, 0.2
+    rest = {"HH": 1.42**2 - (8.6 * decades * np.sin(np.deg2rad(40.0))) ** 2,
+            "HV": 1.10**2 - (4.4 * decades * np.sin(np.deg2rad(40.0))) ** 2,
+            "VV": 1.42**2 - (7.1 * decades * np.sin(np.deg2rad(40.0))) ** 2}  # fmt: skip
+    seen = {angle: bare_offsets(5.4, angle, "HH+HV+VV", n, day) for angle in (12.0, 40.0, 65.0)}
+    for angle, found in seen.items():
+        height = decades * np.sin(np.deg2rad(angle)) * np.array([8.6, 4.4, 7.1])
+        wanted = np.sqrt(np.array([*rest.values()]) + height**2)
+        assert found.std(axis=1) == pytest.approx(wanted, rel=0.02)
+        parts = np.sqrt([*rest.values()])
+        shared = 0.75 * parts[0] * parts[2] + height[0] * height[2]
+        assert np.cov(found)[0, 2] == pytest.approx(shared, rel=0.03)
+
+
+def test_all_bands_see_the_same_roughness() -> None:
+    """L and C band share what is left of their relation, and all of it."""
+    n = 40_000
+    low, high = (bare_offsets(f, 60.0, "HH", n)[0] for f in (1.25, 5.4))
+    height = 0.2 * 8.6 * np.sin(np.deg2rad(60.0))
+    rest = 1.42**2 - (0.2 * 8.6 * np.sin(np.deg2rad(40.0))) ** 2
+    wanted = related_fields(1.25, 5.4) * rest + height**2
+    assert np.cov(low, high)[0, 1] == pytest.approx(wanted, rel=0.03)
+    assert np.corrcoef(low, high)[0, 1] > 0.7

@@ -420,9 +420,11 @@ def test_a_bare_field_departs_by_roughness_its_parts_and_speckle() -> None:
     row = found.pixel_of_cell[place == 0] // found.intensity.shape[2]
     parts, looks = 2.0**2 / (80.0**2 / 40.0**2), found.looks[row].mean() * 80.0**2 / 20.0**2
     speckle = (10.0 / np.log(10.0)) ** 2 * special.polygamma(1, looks)  # variance of the logarithm of a gamma variate
-    own = [sd**2 + parts + speckle for sd in (hh.field_sd_db[0], vv.field_sd_db[0])]
-    assert covariance[0].diagonal() == pytest.approx(own, rel=1e-5)
-    both = hh.channel_correlation * (hh.field_sd_db[0] * vv.field_sd_db[0] + parts)
+    at_40 = np.array([8.6, 7.1]) * np.sin(np.deg2rad(40.0)) * 0.2  # Baghdadi et al. 2016, heights 0.2 decades apart
+    rest = np.sqrt(np.square([hh.field_sd_db[0], vv.field_sd_db[0]]) - at_40**2)
+    rough = at_40 * np.sin(found.radar.centre_incidence_rad) / np.sin(np.deg2rad(40.0))
+    assert covariance[0].diagonal() == pytest.approx(rest**2 + rough**2 + parts + speckle, rel=1e-5)
+    both = hh.channel_correlation * (rest.prod() + parts) + rough.prod()
     assert covariance[0, 0, 1] == covariance[0, 1, 0] == pytest.approx(both, rel=1e-5)
 
 
@@ -545,11 +547,14 @@ def test_roughness_at_two_angles_is_related_as_it_is_drawn() -> None:
     s = bare_and_wooded()
     images = low_and_high(s, load_sigma0_table(), 1)
     steps = [look for image in images for look in _tables(image, s)[0]]
-    sd = np.array([look.field_sd_db[0] for look in steps])
     nothing = np.zeros((4, 1))
-    found = _covariance(images, steps, np.array([0]), nothing, nothing)[0] / np.outer(sd, sd)
-    channels, angle = np.array([[1.0, 0.75], [0.75, 1.0]]), np.exp(-20.0 / 45.0)
-    np.testing.assert_allclose(found, np.kron([[1.0, angle], [angle, 1.0]], channels), rtol=1e-9)
+    found = _covariance(images, steps, np.array([0]), nothing, nothing)[0]
+    many, drawn = np.zeros(100_000, dtype=np.uint8), []
+    for image, visit in zip(images, (Visit(), Visit(member=1, angles_deg=(23.0, 43.0))), strict=True):
+        looks = [load_sigma0_table().lookup(["Bareground"], 5.4, channel) for channel in ("HH", "VV")]
+        met = occasion.draw_occasion(image.radar, looks, many, (0.2, 5.0), visit, seed=1, run_id=1)
+        drawn.append(met.field_offset_db)
+    np.testing.assert_allclose(found, np.cov(np.vstack(drawn)), atol=0.03)
 
 
 def test_parts_of_fields_are_related_by_the_angle_as_fields_are() -> None:

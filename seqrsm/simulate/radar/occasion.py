@@ -120,7 +120,8 @@ def draw_occasion(
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
     shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
     (`seqrsm.scattering.calendar`). The spread was measured with early and late fields in it, so what their shift
-    makes of it on a day is taken off what fades. Layers of `TOGETHER` are left at 0.
+    makes of it on a day is taken off what fades. The roughness of a bare field is the same for all channels, sensors
+    and dates. Layers of `TOGETHER` are left at 0.
 
     Parameters
     ----------
@@ -140,14 +141,18 @@ def draw_occasion(
     category = np.where(known, field_category, 0).astype(np.int64)
     class_offset = np.zeros((len(lookups), n_categories))
     field_offset = np.zeros((len(lookups), len(field_category)))
+    theta = math.degrees(radar.centre_incidence_rad)
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
     for c, channel, lookup in _recorded(radar, lookups):
         draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
+        sd, rough = lookup.of_fields_db(theta)
         if visit.day is None or lookup.course is None:
             class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
-            deviation = lookup.field_sd_db[category] * draw.of_fields("field backscatter", category.size)
+            deviation = sd[category] * draw.of_fields("field backscatter", category.size)
         else:
-            class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
+            class_offset[c], deviation = _dated(draw, lookup, lookup.course, sd, category, visit, visit.day)
+        if rough.any():
+            deviation = deviation + rough[category] * generator(seed, run_id, "roughness").standard_normal(known.size)
         field_offset[c] = np.where(known, deviation, 0.0)
         class_offset[c] += radar.calibration_sd_db * calibration[LAYERS.index(channel)]
     return Occasion(ground_state[0], ground_state[1], class_offset, field_offset)
@@ -181,7 +186,7 @@ class _Draws:
 
 
 def _dated(
-    draw: _Draws, lookup: Sigma0Lookup, course: Course, category: IntArray, visit: Visit, day: float
+    draw: _Draws, lookup: Sigma0Lookup, course: Course, sd: FloatArray, category: IntArray, visit: Visit, day: float
 ) -> tuple[FloatArray, FloatArray]:
     """Offsets of classes (n_categories,) and of fields (n_fields,) on a day of the year [dB]."""
     key = {"seed": draw.seed, "run_id": draw.run_id}
@@ -198,7 +203,7 @@ def _dated(
     fades = over_dates(
         visit, "field backscatter", lambda name: draw.of_fields(name, category.size), course.memory_days[category]
     )
-    spread = np.square(lookup.field_sd_db * on_day(course.spread, day))
+    spread = np.square(sd * on_day(course.spread, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
     for k in np.flatnonzero(course.shift_days > 0.0):
