@@ -357,6 +357,11 @@ def _measured(analysis: Analysis) -> Section:
     told = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), "measure")
     assert told is not None
     assert len(told.blocks) == len(found.blocks)  # where one cover counts the table stays
+    names, shares = (["Grass"], ["Water"], ["Grass", "Water"]), (0.5, 1.0, 0.48)
+    some = [{**covers[0], "covers": own, "left": left} for own, left in zip(names, shares, strict=True)]
+    told = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), "measure")
+    assert told is not None
+    assert [row[0].text for row in told.blocks[-1].rows] == ["Grass"]  # not what hardly helps
     assert measure_section(analysis, (), "measure") is None
     return found
 

@@ -51,6 +51,10 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     if min(widths) > _HARDLY * total:
         least = f" Exact knowledge of covers would leave {half_width_text(analysis, min(widths))} at best."
         return Section(key, title, (Paragraph(head + least),))
+    single = [k for k, one in enumerate(known) if len(one["covers"]) == 1]
+    helping = [k for k in single if widths[k] <= _HARDLY * total]
+    if 0 < len(helping) < len(single):  # all together help by these
+        known, widths = ([row[k] for k in helping] for row in (known, widths))
     errors = [0.5 * one["se"] * best.of_ground**2 / own for one, own in zip(known, widths, strict=True)]
     decimals = max(decimals_of_significant(own, 2) for own in widths)
     sds = [f"\u00b1 {format_significant(one['mean_sd'], 2)}{f' {unit}' if unit else ''}" for one in known]
