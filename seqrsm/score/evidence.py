@@ -398,17 +398,20 @@ def _of_segments(
 
 
 def _shown(image: Image, counts: AnyArray) -> AnyArray:
-    """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar's noise hides all channels.
+    """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar sees little but shadow.
 
-    So shadow does not teach, as nobody takes it for an example of what stands there.
+    Nobody takes it for an example of what stands there. Lit ground teaches however weak its echo: were it only where
+    fading or slopes lift it above the noise, a class would be taught brighter than it is.
     """
     if not isinstance(image, RadarImage):
         return counts
-    hidden = np.flatnonzero(image.mean_power.max(axis=0) < image.noise_power_w[:, None])
-    if not hidden.size:
+    hidden = np.asarray(image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
+    if not hidden.any():
         return counts
+    dark = image.pixel_of_cell[image.shadow]
+    in_shadow = np.bincount(dark[dark >= 0], minlength=hidden.size)
     teaching = counts.copy()
-    teaching[hidden] = 0
+    teaching[hidden & (2 * in_shadow > np.einsum("nk->n", counts))] = 0
     return _or_all(teaching, counts)
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from psm_cases import Table, radar, scene
+from shorthands import percent_correct
 
 from seqrsm.score.evidence import evidence_of
+from seqrsm.sensor.named import with_noise
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.simulate.radar.psm import simulate_radar, tops_counted_twice
 from seqrsm.simulate.radar.targets import CulturalTarget
@@ -136,9 +140,30 @@ def test_what_noise_hides_does_not_teach():
     np.testing.assert_array_equal(found.teaching.any(axis=1), held & ~dark)
     np.testing.assert_array_equal(found.teaching[~dark], found.counts[~dark])
     # Of a class that shadow hides but for a few pixels all teach: without any it could never be named.
-    weak = radar(earth="flat", depression_angle_deg=20.0, resolution_m=10.0, peak_power_w=1e-6)
-    blind = evidence_of([still(s, weak, Table((-10.0, -8.0)))], s, seed=1, run_id=1)
-    np.testing.assert_array_equal(blind.teaching, blind.counts)
+    few = np.where(dark[image.pixel_of_cell] | (np.cumsum(cover == 1).reshape(cover.shape) < 40), cover, 0)
+    rare = replace(s, cover=few.astype(np.uint8))
+    found = evidence_of([still(rare, r, Table((-10.0, -8.0)))], rare, seed=1, run_id=1)
+    np.testing.assert_array_equal(found.teaching[:, 1], found.counts[:, 1])
+
+
+@pytest.mark.parametrize("noise_db", [-40.0, -17.0, -12.0, -8.0])
+def test_lit_ground_is_named_as_the_laws_of_its_classes_let_however_much_noise_there_is(noise_db):
+    rng = np.random.default_rng(4)
+    one = np.ones((10, 10), dtype=int)
+    kind = rng.integers(0, 2, (20, 20))
+    s = scene(np.zeros((200, 200)), 20.0, np.kron(kind, one), np.kron(np.arange(400).reshape(20, 20), one))
+    levels, sd_db, looks = (-12.0, -22.0), 3.0, 16.0
+    r = with_noise(radar(earth="flat", looks=looks, altitude_m=2e5), noise_db)
+    found = []
+    for run in range(6):
+        image = simulate_radar(s, r, Table(levels, field_sd_db=sd_db), seed=4, run_id=run)
+        found.append(percent_correct([image], s, seed=4, run_id=run).value)
+    # Fields are Gaussian in decibels, noise adds, fading of so many looks multiplies; Gaussian laws in decibels.
+    power = [10.0 ** (0.1 * rng.normal(level, sd_db, 200_000)) + 10.0 ** (0.1 * noise_db) for level in levels]
+    shown = [10.0 * np.log10(p * rng.gamma(looks, 1.0 / looks, p.size)) for p in power]
+    cost = [[((x - y.mean()) / y.std()) ** 2 + 2.0 * np.log(y.std()) for y in shown] for x in shown]
+    expected = 50.0 * (np.mean(cost[0][0] < cost[0][1]) + np.mean(cost[1][1] < cost[1][0]))
+    assert np.mean(found) == pytest.approx(expected, abs=1.5)
 
 
 @pytest.mark.parametrize(("of_tops", "told"), [(0.0, 0), (0.3, 0), (1.0, 1)])

@@ -87,7 +87,7 @@ def simulate_radar(
     SceneError
         No cell has an elevation, or a target lies outside the scene.
     """
-    grid, registration = _geometry(scene, radar, precision)
+    grid, *of_cells = _geometry(scene, radar, precision)
     key = {"seed": seed, "run_id": run_id}
     state = draw_ground_state(radar, visit, **key)
     lookups = look_up(scene, radar, table, state, visit.day)
@@ -97,7 +97,7 @@ def simulate_radar(
         add_targets(sums, targets, scene.shape, radar, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
-    image = _form_image(sums, scene, radar, grid, registration, occasion, speckle, notes, threads)
+    image = _form_image(sums, scene, radar, grid, of_cells, occasion, speckle, notes, threads)
     return replace(image, table=table, day=visit.day)
 
 
@@ -106,21 +106,23 @@ def expected_image(scene: Scene, radar: RadarConfiguration, table: Sigma0Table, 
 
     What maps of covers and elevations tell of an image beforehand: cultural targets are not on them.
     """
-    grid, registration = _geometry(scene, radar, "float32")
+    grid, *of_cells = _geometry(scene, radar, "float32")
     state = nominal_ground_state(radar)
     lookups = look_up(scene, radar, table, state, day)
     nothing = np.zeros((len(lookups), len(scene.categories)))
     occasion = Occasion(*state, nothing, nothing[:, :0])
     sums = echo_sums(radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion))
     still, unused = replace(radar, fading="none"), (np.uint32(0), np.uint32(0))
-    return _form_image(sums, scene, still, grid, registration, occasion, unused, (), 1)
+    return _form_image(sums, scene, still, grid, of_cells, occasion, unused, (), 1)
 
 
 @cached_by_thread(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
-def _geometry(scene: Scene, radar: RadarConfiguration, precision: Precision) -> tuple[EchoGrid, Callable[[], AnyArray]]:
-    """Grid of a radar over a scene, and the pixels of the scene's cells for when they are asked for."""
+def _geometry(
+    scene: Scene, radar: RadarConfiguration, precision: Precision
+) -> tuple[EchoGrid, Callable[[], AnyArray], Callable[[], AnyArray]]:
+    """Grid of a radar over a scene; pixels and state of the scene's cells for when they are asked for."""
     grid = echo_grid(make_frame(scene, radar, precision), radar)
-    return grid, cache(partial(pixels_of_cells, scene, radar, grid))
+    return grid, cache(partial(pixels_of_cells, scene, radar, grid)), cache(partial(state_of_cells, scene, radar, grid))
 
 
 def _form_image(
@@ -128,7 +130,7 @@ def _form_image(
     scene: Scene,
     radar: RadarConfiguration,
     grid: EchoGrid,
-    registration: Callable[[], AnyArray],
+    of_cells: Sequence[Callable[[], AnyArray]],
     occasion: Occasion,
     speckle: tuple[np.uint32, np.uint32],
     notes: tuple[str, ...],
@@ -156,8 +158,8 @@ def _form_image(
         incidence_angle_deg=np.rad2deg(theta),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
-        registration=registration,
-        state=cache(partial(state_of_cells, scene, radar, grid)),
+        registration=of_cells[0],
+        state=of_cells[1],
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,
