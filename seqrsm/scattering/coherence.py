@@ -118,6 +118,15 @@ def limited(relation: AnyArray) -> AnyArray:
     return np.asarray(relation * (MOST / np.maximum(np.abs(relation), MOST)))
 
 
+def circular(relation: AnyArray, hh: AnyArray, hv: AnyArray, vv: AnyArray) -> AnyArray:
+    """How RH and RV are related where HH and VV are by ``relation`` and HV to neither, from the powers of the three.
+
+    A right circular wave is (1, -i) in H and V over the root of 2, so that the mean of RH times conjugate RV is i/2
+    times that of HH and VV less the power of HV (Raney 2007, IEEE Trans. Geosci. Remote Sensing 45(11), 3397-3404).
+    """
+    return np.asarray(1j * (relation * np.sqrt(hh * vv) - hv) / np.sqrt((hh + hv) * (vv + hv)))
+
+
 def added_power(first: AnyArray, second: AnyArray, part: AnyArray) -> AnyArray:
     """Power of two waves added, each with half of its own, where ``part`` of the root of both is their mean product."""
     return np.asarray(0.5 * (first + second) + part * np.sqrt(first * second))

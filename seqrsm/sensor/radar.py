@@ -23,12 +23,15 @@ from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
 PHASE: Final = "phase"
-"""The channel that stands for the phase between HH and VV and for how well they are related."""
+"""The channel that stands for the phase between HH and VV, or RH and RV, and for how well they are related."""
 
-TOGETHER: Final = ("HH+VV", "HH+iVV")
-"""Its layers: HH and VV added, as they are and a quarter wave apart, each with half of its power."""
+TOGETHER: Final = {("HH", "VV"): ("HH+VV", "HH+iVV"), ("RH", "RV"): ("RH+RV", "RH+iRV")}
+"""Its layers by the two channels: both added, as they are and a quarter wave apart, each with half of its power."""
 
-LAYERS: Final = (*(channel for channel in RADAR["polarization"].levels if channel != PHASE), *TOGETHER)
+LAYERS: Final = (
+    *(channel for channel in RADAR["polarization"].levels if channel != PHASE),
+    *(layer for both in TOGETHER.values() for layer in both),
+)
 """Layers of images in the order of every draw; the first letter is transmitted, R being right circular."""
 
 GROUND_OF: Final = {"HH": "HH", "HV": "HV", "VV": "VV", "VH": "HV", "RH": "HH", "RV": "VV"}
@@ -52,7 +55,8 @@ class RadarConfiguration:
         Carrier frequency [GHz], 0.1 to 100.
     channels : tuple of str
         Polarization channels imaged together, HH, HV, VV, VH, or RH, RV: transmitted, then received; R is circular.
-        Transmit polarizations take turns and share the pulses. With HH and VV also "phase", the phase between them.
+        Transmit polarizations take turns and share the pulses. With HH and VV, or RH and RV (compact polarimetry), also
+        "phase", the phase between them.
     resolution_m : float
         Side of the final resolution cell on the ground [m].
     bandwidth_mhz : float
@@ -308,9 +312,14 @@ class RadarConfiguration:
         return tuple(channel for channel in self.channels if channel != PHASE)
 
     @property
+    def pair(self) -> tuple[str, str]:
+        """The two channels between which a phase is."""
+        return ("RH", "RV") if {"RH", "RV"} & set(self.channels) else ("HH", "VV")
+
+    @property
     def layers(self) -> tuple[str, ...]:
         """Layers of its images: a channel each, and at the end `TOGETHER` for the phase."""
-        return (*self.recorded, *TOGETHER) if PHASE in self.channels else self.channels
+        return (*self.recorded, *TOGETHER[self.pair]) if PHASE in self.channels else self.channels
 
     @property
     def n_transmit(self) -> int:
@@ -451,9 +460,10 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if radar.near_incidence_deg >= radar.far_incidence_deg:
         text = "the near edge of the swath lies beyond the far edge"
         yield at_fault(radar, "near_incidence_deg", text, "Keep it below far_incidence_deg")
-    if PHASE in radar.channels and not {"HH", "VV"} <= set(radar.channels):
-        text = "the phase is that between HH and VV"
-        yield at_fault(radar, "polarization", text, "Use HH+VV+phase, or HH+HV+VV+phase")
+    if PHASE in radar.channels and not set(radar.pair) <= set(radar.channels):
+        text = f"the phase is that between {' and '.join(radar.pair)}"
+        remedy = "Use RH+RV+phase" if radar.pair == ("RH", "RV") else "Use HH+VV+phase, or HH+HV+VV+phase"
+        yield at_fault(radar, "polarization", text, remedy)
     if PHASE in radar.channels and radar.receiver != "linear":
         yield at_fault(radar, "receiver", "phases need a linear receiver", f'Use "linear", or omit {PHASE}')
     if {"HV", "VH"} <= set(radar.channels):

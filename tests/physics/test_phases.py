@@ -384,6 +384,70 @@ def test_covers_of_the_same_powers_are_told_apart_by_the_phase(monkeypatch: pyte
     assert score[FULL] > 97.0
 
 
+COMPACT = ("RH", "RV", "phase")
+
+
+@pytest.mark.parametrize("ghz", [1.25, 5.4])
+def test_a_circular_wave_is_returned_as_the_scattering_matrix_has_it(ghz: float) -> None:
+    """By complex waves: a right circular one is (1, -i) in H and V, over the root of 2 (Raney 2007)."""
+    ground = SimpleNamespace(categories=COVERS)
+    sensor = radar(channels=COMPACT, frequency_ghz=ghz)
+    assert sensor.layers == ("RH", "RV", "RH+RV", "RH+iRV")
+    seen = [layer.sigma0[:, 40] for layer in look_up(ground, sensor, TABLE, (0.2, 5.0))]
+    linear = look_up(ground, radar(channels=FULL[:3], frequency_ghz=ghz), TABLE, (0.2, 5.0))
+    rng, relation = np.random.default_rng(9), coherence(COVERS, ghz).mean
+    for k, related in enumerate(relation):
+        hh, cross, own = rng.normal(scale=np.sqrt(0.5), size=(3, 400_000, 2)) @ [1.0, 1.0j]
+        vv = np.conj(related) * hh + np.sqrt(1.0 - abs(related) ** 2) * own
+        hh, hv, vv = (np.sqrt(look.sigma0[k, 40]) * w for look, w in zip(linear, (hh, cross, vv), strict=True))
+        rh, rv = (hh - 1j * hv) / np.sqrt(2.0), (hv - 1j * vv) / np.sqrt(2.0)
+        waves = rh, rv, (rh + rv) / np.sqrt(2.0), (rh + 1j * rv) / np.sqrt(2.0)
+        np.testing.assert_allclose([layer[k] for layer in seen], [np.mean(np.abs(w) ** 2) for w in waves], rtol=0.015)
+
+
+def test_an_image_of_circular_waves_has_the_phase_of_its_fields() -> None:
+    """Field by field that of HH and VV less the power of HV, where fields do not differ in power."""
+    ground, even = patches(), replace(TABLE, variability={}, channel_correlation=1.0)
+    images = []
+    for channels in (FULL, COMPACT):
+        sensor = radar(channels=channels, fading="none", texture_db=0.0)
+        images.append(simulate_radar(ground, sensor, even, seed=1, run_id=1))
+    pixel = images[0].pixel_of_cell[10::20, 10::20].ravel()
+    (hh, hv, vv, *both), (rh, rv, *turned) = (
+        [layer.ravel()[pixel].astype(np.float64) for layer in image.mean_power] for image in images
+    )
+    # Offsets of fields are the same in all channels here, so each is a factor of its field's powers.
+    product = (1.0, 1.0j) @ (np.stack(both) - 0.5 * (hh + vv))
+    expected = 0.5j * (product - hv)
+    np.testing.assert_allclose(rh, 0.5 * (hh + hv), rtol=1e-4)
+    np.testing.assert_allclose(rv, 0.5 * (vv + hv), rtol=1e-4)
+    np.testing.assert_allclose((1.0, 1.0j) @ (np.stack(turned) - 0.5 * (rh + rv)), expected, atol=2e-3 * rh.max())
+
+
+@pytest.mark.parametrize("more", [{"texture_db": 1.0, "calibration_sd_db": 2.0}, {"looks": 1.0, "pixel_m": 10.0}])
+def test_circular_waves_have_a_phase_that_waves_can_have(more: dict[str, object]) -> None:
+    sensor = radar(channels=COMPACT, soil_moisture_field_sd=0.05, **more)
+    options = {"seed": 3, "run_id": 1, "visit": Visit((150.0, 200.0), 1)}
+    image = simulate_radar(patches(8), sensor, TABLE.in_world(World(1, 2)), **options)
+    rh, rv, *both = image.intensity.astype(np.float64)
+    product = np.hypot(*(layer - 0.5 * (rh + rv) for layer in both))
+    assert (product <= np.sqrt(rh * rv) * (1.0 + 1e-3) + 1e-6 * rh.max()).all()
+
+
+def test_compact_polarimetry_lies_between_dual_and_full() -> None:
+    """Brisco et al. 2013, Int. J. Remote Sens. 34(6), 1949-1964: better than two linear channels, worse than all."""
+    ground, found = patches(), {}
+    for channels in (("HH", "HV"), ("VV", "VH"), COMPACT, FULL):
+        scores = []
+        for run in range(8):
+            table = TABLE.in_world(World(5, run))
+            image = simulate_radar(ground, radar(channels=channels, frequency_ghz=5.4), table, seed=1, run_id=run)
+            scores.append(percent_correct([image], ground, tile_m=500.0, seed=1, run_id=run).value)
+        found[channels] = np.mean(scores)
+    *dual, compact, full = found.values()
+    assert max(dual) < compact < full
+
+
 def test_soil_moisture_rests_on_powers_alone() -> None:
     ground = patches(8)
     found = []
@@ -408,7 +472,7 @@ def test_a_phase_costs_no_pulses_and_no_data() -> None:
     ("changes", "words"),
     [
         ({"channels": ("HH", "HV", "phase")}, "the phase is that between HH and VV .*Use HH.VV.phase"),
-        ({"channels": ("RH", "RV", "phase")}, "the phase is that between HH and VV"),
+        ({"channels": ("RH", "phase")}, "the phase is that between RH and RV .*Use RH.RV.phase"),
         ({"channels": FULL, "receiver": "saturation"}, "phases need a linear receiver"),
     ],
 )

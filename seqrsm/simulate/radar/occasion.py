@@ -23,12 +23,12 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Course, on_day
-from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, coherence, limited
+from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, circular, coherence, limited
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, TOGETHER, RadarConfiguration
+from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, RadarConfiguration
 from seqrsm.simulate.radar.frame import pieces
 from seqrsm.simulate.visits import (
     FAST_DAYS,
@@ -278,12 +278,17 @@ def met_occasion(
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
-    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index("HH")], visit.day)
+    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index(radar.pair[0])], visit.day)
     departure = at_angle(
         visit, "coherence", lambda own: _kept(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
     mean = related.mean[np.where(category < len(scene.categories), category, 0)]
     of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
+    if radar.pair == ("RH", "RV"):
+        linear = look_up(scene, replace(radar, channels=("HH", "HV", "VV")), table, ground_state, visit.day)
+        powers = np.array([db_to_linear(_level_db(look, math.degrees(radar.centre_incidence_rad))) for look in linear])
+        related = replace(related, mean=circular(related.mean, *powers))
+        of_fields = circular(of_fields, *powers[:, np.where(category < len(scene.categories), category, 0)])
     return _added(radar, lookups, met, related, category[parent], of_fields[parent])
 
 
@@ -302,19 +307,18 @@ def _added(
     category: IntArray,
     of_fields: AnyArray,
 ) -> Occasion:
-    """An occasion with the offsets of HH and VV added, at the incidence angle of the centre of the scene.
+    """An occasion with the offsets of the radar's pair added, at the incidence angle of the centre of the scene.
 
-    ``category`` and ``of_fields`` (n_fields,): of each field or piece, the latter how its HH and VV are related.
+    ``category`` and ``of_fields`` (n_fields,): of each field or piece, the latter how its pair is related.
     """
     theta = math.degrees(radar.centre_incidence_rad)
-    hh, vv = (radar.layers.index(channel) for channel in ("HH", "VV"))
+    one, other = (radar.layers.index(channel) for channel in radar.pair)
     known = np.where(category < len(related.mean), category, 0)
     of_class, of_field = met.class_offset_db.copy(), met.field_offset_db.copy()
-    table = [db_to_linear(_level_db(lookups[c], theta)) for c in (hh, vv)]
-    on_date = [power * db_to_linear(of_class[c]) for power, c in zip(table, (hh, vv), strict=True)]
-    here = [power[known] * db_to_linear(of_field[c]) for power, c in zip(on_date, (hh, vv), strict=True)]
-    for layer, part in zip(TOGETHER, (np.real, np.imag), strict=True):
-        c = radar.layers.index(layer)
+    table = [db_to_linear(_level_db(lookups[c], theta)) for c in (one, other)]
+    on_date = [power * db_to_linear(of_class[c]) for power, c in zip(table, (one, other), strict=True)]
+    here = [power[known] * db_to_linear(of_field[c]) for power, c in zip(on_date, (one, other), strict=True)]
+    for c, part in zip((-2, -1), (np.real, np.imag), strict=True):
         nominal, dated = (added_power(first, second, part(related.mean)) for first, second in (table, on_date))
         of_class[c] = linear_to_db(dated / nominal)
         offset = linear_to_db(added_power(here[0], here[1], part(of_fields)) / dated[known])
@@ -368,11 +372,14 @@ def look_up(
         found.append(like)
     if PHASE not in radar.channels:
         return found
-    hh, vv = find("HH"), find("VV")
-    related = _related(radar.frequency_ghz, table, hh, day)
-    for part in (related.mean.real, related.mean.imag):
-        both = added_power(hh.sigma0, vv.sigma0, part[:, None])
-        found.append(replace(hh, sigma0=both, status=related.status, notes=related.notes))
+    one, other = (found[radar.layers.index(channel)] for channel in radar.pair)
+    related = _related(radar.frequency_ghz, table, one, day)
+    mean = related.mean[:, None]
+    if radar.pair == ("RH", "RV"):
+        mean = circular(mean, *(find(channel).sigma0 for channel in ("HH", "HV", "VV")))
+    for part in (mean.real, mean.imag):
+        both = added_power(one.sigma0, other.sigma0, part)
+        found.append(replace(one, sigma0=both, status=related.status, notes=related.notes))
     return found
 
 

@@ -22,7 +22,7 @@ from seqrsm.rng import stream_key
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
-from seqrsm.sensor.radar import LAYERS, PHASE, TOGETHER, RadarConfiguration
+from seqrsm.sensor.radar import LAYERS, PHASE, RadarConfiguration
 from seqrsm.simulate.radar import kernels, kernels_speckle
 from seqrsm.simulate.radar.echo import (
     EchoGrid,
@@ -263,7 +263,7 @@ def _faded(
 ) -> AnyArray:
     """Power with noise and fading, in the type of ``mean``.
 
-    HH and VV with the phase between them fade by the complex Wishart law of real N, as they are related in each pixel.
+    Two channels whose phase is known fade by the complex Wishart law of real N, as they are related in each pixel.
     """
     if radar.fading == "none":
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
@@ -272,10 +272,10 @@ def _faded(
     n = len(radar.recorded)
     out = np.empty_like(mean)
     out[:n] = _faded_alone(mean[:n], noise, looks, radar.layers[:n], radar, key, threads)
-    alone = np.ones_like(mean[n:]), np.zeros_like(noise), np.ones_like(looks), TOGETHER
+    alone = np.ones_like(mean[n:]), np.zeros_like(noise), np.ones_like(looks), radar.layers[n:]
     free = _faded_alone(*alone, radar, key, threads)
-    hh, vv = radar.layers.index("HH"), radar.layers.index("VV")
-    fade_together(mean[hh], mean[vv], mean[n:], noise, looks, free, out[hh], out[vv], out[n:])
+    one, other = (radar.layers.index(channel) for channel in radar.pair)
+    fade_together(mean[one], mean[other], mean[n:], noise, looks, free, out[one], out[other], out[n:])
     return out
 
 
@@ -358,14 +358,15 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     least, sag_m = float(looks.min()), frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
     near, far = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
     rotated = not frame.wrapped and frame.cell_of_scene is not None
-    but = ", but for HH and VV, whose phase is known" if PHASE in radar.channels else ""
+    both = " and ".join(radar.pair)
+    but = f", but for {both}, whose phase is known" if PHASE in radar.channels else ""
     notes = {
         f"fading is correlated over the resolution cell and independent between channels{but}": radar.finer_pixels,
         f"fading is independent between pixels and between channels{but}": not radar.finer_pixels,
         "ground outside the scene returns nothing": frame.wrapped,
         "ground outside the scene is its mirror image": not frame.wrapped,
-        "HH and VV are used by their powers; channel 'phase' would add the phase between them": (
-            {"HH", "VV"} <= set(radar.channels) and PHASE not in radar.channels
+        f"{both} are used by their powers; channel 'phase' would add the phase between them": (
+            set(radar.pair) <= set(radar.channels) and PHASE not in radar.channels
         ),
         finer_than_cells(radar, frame.cell_m): radar.pixel_spacing_m < frame.cell_m,
         f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)": (
