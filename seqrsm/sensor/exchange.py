@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final, TypeVar
@@ -43,6 +44,12 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration], taken
     taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * sine)
     if of["frequency"] is not cell and cell.aperture == "real" and cell.azimuth_beamwidth_deg is None:
         taken["antenna_length_m"] = cell.antenna_length_m * of["frequency"].wavelength_m / cell.wavelength_m
+    if cell.scan == "slar" and cell.azimuth_beamwidth_deg is not None:
+        # The length that has this beam: of a synthetic aperture it gives the cell, of a real one the beam does.
+        synthetic = cell.aperture == "synthetic"
+        wavelength_m = (cell if synthetic else of["frequency"]).wavelength_m
+        taken["antenna_length_m"] = wavelength_m / math.radians(cell.azimuth_beamwidth_deg)
+        taken["azimuth_beamwidth_deg"] = None if synthetic else cell.azimuth_beamwidth_deg
     taken |= pulses(taken["channels"], taken["antenna_length_m"], angle.speed_m_s)
     return with_noise(replace(base, **taken), noise_equivalent_db(of["noise"]))
 

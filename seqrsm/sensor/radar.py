@@ -87,7 +87,8 @@ class RadarConfiguration:
     aperture : {"synthetic", "real"}
         Azimuth cell of one look: L/2, or R beta (eq. 3-9).
     azimuth_beamwidth_deg : float or None
-        Half-power beamwidth beta along the track [deg]; None is lambda/L.
+        Half-power beamwidth beta along the track [deg]; None is lambda/L. A given one is that of a length lambda/beta,
+        which then stands for L in resolution and looks.
     elevation_pattern : {"isotropic", "cosecant_squared", "sinc_squared", "table"}
         How the gain falls off its peak with the look angle (`seqrsm.sensor.antenna.elevation_gain`).
     boresight_depression_deg : float or None
@@ -334,8 +335,15 @@ class RadarConfiguration:
     def azimuth_resolution_m(self, slant_range_m: _Real) -> _Real:
         """Azimuth resolution of one look [m]: L/2, or R beta of a real aperture (eq. 3-9)."""
         if self.aperture == "synthetic":
-            return 0.5 * self.antenna_length_m + 0.0 * slant_range_m
+            return self.sample_m + 0.0 * slant_range_m
         return slant_range_m * self.azimuth_beamwidth_rad
+
+    @property
+    def sample_m(self) -> float:
+        """Flight path from one independent sample to the next [m]: L/2, or lambda / (2 beta) of a given beam."""
+        if self.azimuth_beamwidth_deg is None:
+            return 0.5 * self.antenna_length_m
+        return 0.5 * self.wavelength_m / self.azimuth_beamwidth_rad
 
     @property
     def azimuth_beamwidth_rad(self) -> float:
@@ -354,7 +362,7 @@ class RadarConfiguration:
         indicator hovers over one point: its beam gives one sample, whatever the pulses.
         """
         across: _Real = np.maximum(self.resolution_m / self.ground_resolution_m(incidence_rad), 1.0)
-        return across if self.scan == "ppi" else self.resolution_m / (0.5 * self.antenna_length_m) * across
+        return across if self.scan == "ppi" else self.resolution_m / self.sample_m * across
 
     def looks_used(self, incidence_rad: FloatArray) -> FloatArray:
         """Samples averaged in a final cell at incidence angles [rad]: those asked for, or all."""
@@ -430,10 +438,12 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
         text = f"{radar.bandwidth_mhz:g} MHz at an incidence of {math.degrees(theta):.4g} deg resolve {finest}"
         remedy = f"Use at least {rounded_up(needed)} MHz or a resolution of at least {rounded_up(across)} m"
         found.append(at_fault(radar, "resolution", text, remedy))
-    along = 0.5 * radar.antenna_length_m
+    along, given_deg = radar.sample_m, radar.azimuth_beamwidth_deg
     if radar.scan == "slar" and radar.resolution_m < along * (1.0 - 1e-9):
-        text = f"an antenna of {radar.antenna_length_m:g} m resolves {along:g} m in azimuth, no finer"
-        remedy = f"Use a resolution of at least {rounded_up(along)} m or a shorter antenna"
+        what = f"an antenna of {radar.antenna_length_m:g} m" if given_deg is None else f"a beam of {given_deg:g} deg"
+        text = f"{what} resolves {along:.4g} m in azimuth, no finer"
+        other = "shorter antenna" if given_deg is None else "wider beam"
+        remedy = f"Use a resolution of at least {rounded_up(along)} m or a {other}"
         found.append(at_fault(radar, "resolution", text, remedy))
     available = radar.looks_available(theta)
     if not found and radar.looks is not None and radar.looks > available * (1.0 + 1e-9):
@@ -442,9 +452,9 @@ def _set_problems(radar: RadarConfiguration) -> list[Problem]:
         remedy = f"Ask for at most {rounded_down(available)} looks, or more bandwidth, or a coarser resolution"
         found.append(at_fault(radar, "looks", text, remedy))
     sampled = radar.prf_hz / radar.n_transmit
-    if radar.scan == "slar" and sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
-        need = radar.n_transmit * 2.0 * radar.speed_m_s / radar.antenna_length_m
-        text = f"each transmit polarization (here {radar.n_transmit}) needs two pulses per antenna length flown"
+    if radar.scan == "slar" and sampled < radar.speed_m_s / along:
+        need = radar.n_transmit * radar.speed_m_s / along
+        text = f"each transmit polarization (here {radar.n_transmit}) needs a pulse every {along:.4g} m flown"
         found.append(at_fault(radar, "prf_hz", text, f"Use at least {rounded_up(need)} Hz"))
     if radar.pulse_length_us * 1e-6 * radar.prf_hz >= 1.0:
         remedy = f"Keep it below {rounded_down(1e6 / radar.prf_hz)} us"

@@ -96,12 +96,14 @@ def facts(radar: RadarConfiguration) -> dict[str, tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("name", PROPERTIES)
+@pytest.mark.parametrize("beam_deg", [None, 2.0])
 @pytest.mark.parametrize("title", ["Sentinel-1 IW GRDH", "SAOCOM-1 Stripmap quad", "Envisat ASAR APP"])
-def test_one_property_of_a_radar_is_exchanged_and_no_other(name: str, title: str) -> None:
+def test_one_property_of_a_radar_is_exchanged_and_no_other(name: str, title: str, beam_deg: float | None) -> None:
     (sensor,) = sensors_called(title)
     other = named(title, sensor.channels[0], 35.0)
-    mixed = exchanged(OURS, other, (name,))
-    expected = {**facts(OURS), name: facts(other)[name]}
+    ours = replace(OURS, azimuth_beamwidth_deg=beam_deg)
+    mixed = exchanged(ours, other, (name,))
+    expected = {**facts(ours), name: facts(other)[name]}
     assert facts(mixed) == expected
     assert mixed.texture_db == 0.5  # of the ground
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.sensor.named import noise_equivalent_db
 from seqrsm.sensor.radar import RadarConfiguration, from_settings
 from seqrsm.sensor.swath import ground_ranges_m
 
@@ -65,6 +66,40 @@ def test_looks_reduce_to_equation_3_8_for_a_real_aperture_footprint():
     B = C / (2.0 * resolution * math.sin(theta))
     expected = (2.0 * R * r.wavelength_m / r.antenna_length_m**2) * (B_c / B)
     assert r.looks_available(theta) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("aperture", ["synthetic", "real"])
+def test_a_given_beam_has_the_samples_of_its_own_doppler_bandwidth(aperture):
+    # 2 v beta / lambda (Cumming and Wong 2005, eq. 4.36), in the time in which the craft flies the cell.
+    beta, v = math.radians(0.8), 100.0
+    r = radar(aperture=aperture, azimuth_beamwidth_deg=0.8)
+    doppler_hz = 2.0 * v * beta / r.wavelength_m
+    across = 20.0 / r.ground_resolution_m(math.pi / 4)
+    assert r.looks_available(math.pi / 4) == pytest.approx(20.0 / v * doppler_hz * across, rel=1e-12)
+    if aperture == "synthetic":
+        assert r.azimuth_resolution_m(8000.0) == pytest.approx(v / doppler_hz, rel=1e-12)
+    same = radar(aperture=aperture, antenna_length_m=r.wavelength_m / beta)
+    assert same.looks_available(0.7) == pytest.approx(r.looks_available(0.7), rel=1e-12)
+
+
+def test_noise_of_a_synthetic_aperture_does_not_depend_on_its_beam_at_one_gain():
+    # The textbook equation below knows neither length nor beam.
+    beams = ({"azimuth_beamwidth_deg": 0.5}, {"azimuth_beamwidth_deg": 2.0}, {})
+    one, other, plain = (noise_equivalent_db(radar(**beam)) for beam in beams)
+    assert one == pytest.approx(plain, abs=1e-9)
+    assert other == pytest.approx(plain, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"azimuth_beamwidth_deg": 0.05}, "a beam of 0.05 deg resolves 32.41 m in azimuth"),
+        ({"azimuth_beamwidth_deg": 10.0, "prf_hz": 400.0}, "prf_hz.* Use at least 617.1"),
+    ],
+)
+def test_what_a_given_beam_cannot_do_is_refused(changes, words):
+    with pytest.raises(ConfigurationError, match=words):
+        radar(**changes)
 
 
 def test_signal_to_noise_is_the_textbook_synthetic_aperture_equation():
