@@ -75,8 +75,8 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     if not len(bare):
         return np.zeros(0), of_cell
     found = [_departures_db(image, scene, of_cell, kind, one) for image, one in zip(images, tables, strict=True)]
-    away, of_speckle, of_parts = (np.concatenate(layers) for layers in zip(*found, strict=True))
-    covariance = _covariance(images, steps[0], kind, of_speckle, of_parts)
+    away, of_speckle, of_parts, echo = (np.concatenate(layers) for layers in zip(*found, strict=True))
+    covariance = _covariance(images, steps[0], kind, of_speckle, of_parts, echo)
     here = np.isfinite(away[:, :, 0])
     told, seen = here.any(axis=1), here.any(axis=0)
     away, here, looks = away[told][:, seen], here[told][:, seen], [steps[0][c] for c in np.flatnonzero(told)]
@@ -91,6 +91,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     moisture = np.full(len(bare), centre)
     if seen.any():
         of_ground = np.stack([np.hypot(look.date_sd_db, look.mean_sd_db)[kind[seen]] for look in looks])
+        of_ground *= echo[told][:, seen]
         common = covariance + np.einsum("cn,cd->ncd", np.square(of_ground), np.eye(len(away)))
         cost = mahalanobis(np.where(here[:, :, None], away, 0.0), common).mean(axis=0)
         middle = float(posterior_mean(cost[None], FINE, centre, sd)[0])
@@ -112,11 +113,12 @@ def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
 
 def _departures_db(
     image: RadarImage, scene: Scene, of_cell: AnyArray, kind: IntArray, steps: list[list[Sigma0Lookup]]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Backscatter (n_channels, n, n_fine) of fields over what it is, with noise, at each moisture [dB].
 
-    With the variances (n_channels, n) [dB2] of speckle and of the parts that fields consist of. ``kind`` (n,): cover of
-    each field; nan for fields of which no pixel is seen away from their edges.
+    With the variances (n_channels, n) [dB2] of speckle and of the parts that fields consist of, and the echo's share of
+    a field's power, by which noise lessens what fields differ by in decibels. ``kind`` (n,): cover of each field; nan
+    for fields of which no pixel is seen away from their edges.
     """
     pixel, n_azimuth = image.pixel_of_cell, image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
@@ -129,13 +131,15 @@ def _departures_db(
     layers = np.vstack([np.repeat(rows, n_azimuth, axis=1), ratio.reshape(len(ratio), -1)])
     inner = np.where(_away_from_edges(image, scene), of_cell, np.int32(-1))
     theta, noise, looks, *shown = kernels_classify.mean_of_pixels(inner, pixel, layers, len(kind))
-    found = np.empty((len(shown), len(kind), len(FINE)))
+    found, echo = np.empty((len(shown), len(kind), len(FINE))), np.empty((len(shown), len(kind)))
     for c, over in enumerate(shown):
         at = np.empty((len(GRID), len(kind)))
         for line, step in zip(at, steps, strict=True):
             for k in np.unique(kind):
                 mine = kind == k
                 line[mine] = np.interp(theta[mine], step[c].theta_deg, step[c].sigma0[k])
+        usual_echo = np.array([np.interp(middle, GRID, column) for column in at.T])
+        echo[c] = np.nan_to_num(usual_echo / np.maximum(usual_echo + noise, 1e-12))
         change = [np.interp(FINE, GRID, column) - np.interp(middle, GRID, column) for column in _db(at + noise).T]
         found[c] = _db(over)[:, None] - change
     area = np.maximum(np.bincount(inner[inner >= 0], minlength=len(kind)), 1) * scene.cell_m**2
@@ -143,7 +147,7 @@ def _departures_db(
     of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
     shape = len(shown), len(kind)
     of_speckle = _DB**2 * scipy.special.polygamma(1, n_looks)
-    return found, np.broadcast_to(of_speckle, shape), np.broadcast_to(of_parts, shape)
+    return found, np.broadcast_to(of_speckle, shape), np.broadcast_to(of_parts, shape), echo
 
 
 def _covariance(
@@ -152,6 +156,7 @@ def _covariance(
     kind: IntArray,
     of_speckle: FloatArray,
     of_parts: FloatArray,
+    echo: FloatArray,
 ) -> FloatArray:
     """Covariance (n, n_channels, n_channels) [dB2] of fields of one cover, ``kind`` (n,), on one date.
 
@@ -165,8 +170,8 @@ def _covariance(
     looks_from = [(radar.frequency_ghz, math.degrees(radar.centre_incidence_rad)) for radar, _ in seen_by]
     related *= [[related_fields(f, g, abs(a - b)) for g, b in looks_from] for f, a in looks_from]
     of_fields = [look.of_fields_db(angle) for look, (_, angle) in zip(looks, looks_from, strict=True)]
-    sd, rough = (np.stack([one[kind] for one in every]) for every in zip(*of_fields, strict=True))
-    part = np.sqrt(of_parts)
+    sd, rough = (echo * np.stack([one[kind] for one in every]) for every in zip(*of_fields, strict=True))
+    part = echo * np.sqrt(of_parts)
     both = np.einsum("cn,dn->ncd", sd, sd) + np.einsum("cn,dn->ncd", part, part)
     alike = np.einsum("cn,dn->ncd", rough, rough) + np.einsum("cn,cd->ncd", of_speckle, np.eye(len(looks)))
     return np.asarray(related * both + alike)

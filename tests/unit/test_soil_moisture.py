@@ -35,6 +35,7 @@ from seqrsm.score.brightness import _covariance as _of_brightness
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import expected_spread, score_moisture
 from seqrsm.score.utilities import asked_for
+from seqrsm.sensor.named import with_noise
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.frame import pieces
@@ -325,12 +326,25 @@ def bare_and_wooded(layer: bool = False):
     return replace(s, soil_moisture=wet.astype(np.float32) if layer else None)
 
 
-def radar_image(s, table, run_id=1, frequency=5.4, polarization="HH+VV", resolution=20.0, member=0, visit=None, **more):
+def radar_image(
+    s,
+    table,
+    run_id=1,
+    frequency=5.4,
+    polarization="HH+VV",
+    resolution=20.0,
+    member=0,
+    visit=None,
+    noise_db=None,
+    **more,
+):
     given = {"soil_moisture_field_sd": 0.04, "soil_moisture_region_sd": 0.045, "depression_angle": 50.0, **more}
     radar = from_settings(
         {"frequency": frequency, "polarization": polarization, "resolution": resolution},
         {"bandwidth": 80.0, "peak_power": 3000.0, "altitude_m": 6000.0, **given},
     )
+    if noise_db is not None:
+        radar = with_noise(radar, noise_db)
     return simulate_radar(s, radar, table, seed=5, run_id=run_id, visit=visit or Visit(member=member))
 
 
@@ -358,6 +372,42 @@ def test_a_radars_skill_lies_between_a_guess_and_all_that_roughness_leaves() -> 
         skills.append(score.value)
         assert (score.guess, score.perfect) == (0.0, 1.0)
     assert 0.15 < np.mean(skills) < 0.8
+
+
+@pytest.mark.parametrize(
+    ("channel", "noise_db"), [("VV", -40.0), ("VV", -15.0), ("VV", -8.0), ("HV", -25.0), ("HV", -18.0), ("HV", -8.0)]
+)
+def test_noise_lessens_skill_by_what_it_hides_and_no_more(channel: str, noise_db: float) -> None:
+    """Against the mean of moisture given the power of a field, found by counting in a million draws of one."""
+    s, table, sd = land(("Bareground",), np.zeros_like(KINDS)), load_sigma0_table(), 0.08
+    state = {"soil_moisture_low": 0.2, "soil_moisture_high": 0.2, "soil_moisture_field_sd": sd}
+    state |= {"soil_moisture_region_sd": 0.0, "texture_db": 0.0, "altitude_m": 2e5, "speed_m_s": 300.0}
+    skills = []
+    for run in range(8):
+        given = {"resolution": 10.0, "polarization": channel, "bandwidth": 300.0, "prf_hz": 500.0, "noise_db": noise_db}
+        found = radar_image(s, table, run, **given, **state)
+        skills.append(score_moisture([found], s, SKILL, seed=5, run_id=run).value)
+    rng, grid = np.random.default_rng(1), np.linspace(0.0, 0.6, 61)
+    theta = round(np.rad2deg(found.radar.centre_incidence_rad))
+    looks = [table.lookup(["Bareground"], 5.4, channel, soil_moisture=float(m)) for m in grid]
+    level = 10.0 * np.log10([look.sigma0[0, theta] for look in looks])
+    wet = np.clip(rng.normal(0.2, sd, 1_000_000), 0.0, 0.6)
+    echo_db = np.interp(wet, grid, level) + rng.normal(0.0, looks[0].field_sd_db[0], wet.size)
+    n = found.looks.mean() * _away_from_edges(found, s).sum() / 400.0  # pixels of one cell of the scene
+    seen = (10.0 ** (0.1 * echo_db) + 10.0 ** (0.1 * noise_db)) * rng.gamma(n, 1.0 / n, wet.size)
+    order = wet[np.argsort(seen)].reshape(1000, -1)
+    ideal = 1.0 - np.mean(order.var(axis=1)) / wet.var()
+    assert np.mean(skills) == pytest.approx(ideal, abs=0.05)
+
+
+def test_a_channel_full_of_noise_takes_nothing_from_another() -> None:
+    s, table = land(("Bareground",), np.zeros_like(KINDS)), load_sigma0_table()
+    skills = []
+    for run in range(8):
+        for polarization in ("VV", "VV+VH"):
+            found = radar_image(s, table, run, polarization=polarization, noise_db=-18.0)  # 4 dB above bare soil at VH
+            skills.append(score_moisture([found], s, SKILL, seed=5, run_id=run).value)
+    assert np.mean(skills[1::2]) > np.mean(skills[::2])
 
 
 def test_a_radar_knows_the_slopes_of_fields() -> None:
@@ -420,11 +470,16 @@ def test_a_bare_field_departs_by_roughness_its_parts_and_speckle() -> None:
     row = found.pixel_of_cell[place == 0] // found.intensity.shape[2]
     parts, looks = 2.0**2 / (80.0**2 / 40.0**2), found.looks[row].mean() * 80.0**2 / 20.0**2
     speckle = (10.0 / np.log(10.0)) ** 2 * special.polygamma(1, looks)  # variance of the logarithm of a gamma variate
+    # Noise of a power n beside an echo of p makes d decibels of the echo d p / (p + n) of what is seen.
+    theta, noise = found.incidence_angle_deg[row].mean(), found.noise_equivalent_sigma0[row].mean()
+    power = np.array([np.interp(theta, look.theta_deg, look.sigma0[0]) for look in (hh, vv)])
+    echo = power / (power + noise)
     at_40 = np.array([8.6, 7.1]) * np.sin(np.deg2rad(40.0)) * 0.2  # Baghdadi et al. 2016, heights 0.2 decades apart
     rest = np.sqrt(np.square([hh.field_sd_db[0], vv.field_sd_db[0]]) - at_40**2)
     rough = at_40 * np.sin(found.radar.centre_incidence_rad) / np.sin(np.deg2rad(40.0))
-    assert covariance[0].diagonal() == pytest.approx(rest**2 + rough**2 + parts + speckle, rel=1e-5)
-    both = hh.channel_correlation * (rest.prod() + parts) + rough.prod()
+    own = (rest**2 + rough**2 + parts) * echo**2 + speckle
+    assert covariance[0].diagonal() == pytest.approx(own, rel=1e-5)
+    both = (hh.channel_correlation * (rest.prod() + parts) + rough.prod()) * echo.prod()
     assert covariance[0, 0, 1] == covariance[0, 1, 0] == pytest.approx(both, rel=1e-5)
 
 
@@ -548,7 +603,7 @@ def test_roughness_at_two_angles_is_related_as_it_is_drawn() -> None:
     images = low_and_high(s, load_sigma0_table(), 1)
     steps = [look for image in images for look in _tables(image, s)[0]]
     nothing = np.zeros((4, 1))
-    found = _covariance(images, steps, np.array([0]), nothing, nothing)[0]
+    found = _covariance(images, steps, np.array([0]), nothing, nothing, nothing + 1.0)[0]
     many, drawn = np.zeros(100_000, dtype=np.uint8), []
     for image, visit in zip(images, (Visit(), Visit(member=1, angles_deg=(23.0, 43.0))), strict=True):
         looks = [load_sigma0_table().lookup(["Bareground"], 5.4, channel) for channel in ("HH", "VV")]
