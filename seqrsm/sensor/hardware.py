@@ -91,7 +91,7 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
     if radar.aperture == "synthetic":
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
         path = 0.5 * float(near_slant + far_slant) * math.tan(radar.centre_incidence_rad)
-        needed = 4.0 * radar.speed_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
+        needed = radar.n_transmit * 4.0 * radar.speed_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
         told = f"a gain of {radar.antenna_gain_db:g} dB is {area:.3g} m2 of antenna; ambiguities allow no less than "
         told += f"{needed:.3g} m2"
         found.append(Limit("antenna area against ambiguities", area / needed, told))

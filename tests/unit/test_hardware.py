@@ -66,6 +66,21 @@ def test_what_cannot_be_says_which_rule_and_by_how_much() -> None:
     assert margins(replace(SENTINEL_IW2, speed_m_s=100.0), 85.0)["speed against orbit"] < 0.1
 
 
+@pytest.mark.parametrize("channels", [("HH", "HV"), ("HH", "HV", "VV"), ("RH", "RV")])
+def test_an_antenna_is_large_enough_where_what_its_beam_lights_fits_between_pulses(channels: tuple[str, ...]) -> None:
+    """At the least pulse rate: two for each transmit polarization in the length flown."""
+    radar = replace(SENTINEL_IW2, channels=channels, prf_hz=3000.0)
+    length, height = 12.3, 0.821 * 0.7  # of an antenna of full efficiency with this gain
+    theta = radar.centre_incidence_rad
+    look = math.radians(90.0 - radar.depression_angle_deg)
+    slant = EARTH_RADIUS_M * math.sin(theta - look) / math.sin(look)
+    lit = radar.wavelength_m / height * slant * math.tan(theta)  # depth in slant range
+    rate = 2.0 * radar.speed_m_s / length * len({channel[0] for channel in channels})
+    centre = EARTH_RADIUS_M * (theta - look)
+    (margin,) = (one.margin for one in limits(radar, centre, centre + 1.0) if "area" in one.name)
+    assert margin == pytest.approx(0.5 * SPEED_OF_LIGHT_M_S / rate / lit, rel=1e-3)
+
+
 def test_the_window_of_echoes_is_that_between_pulses() -> None:
     """As deep as the swath: c/2 times what the pulse leaves of the time to the next one."""
     (rule, *_) = limits(replace(SENTINEL_IW2, earth="flat", pulse_length_us=50.0), 500e3, 500e3 + 50e3)

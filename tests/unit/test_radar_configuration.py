@@ -70,7 +70,7 @@ def test_looks_reduce_to_equation_3_8_for_a_real_aperture_footprint():
 
 @pytest.mark.parametrize("aperture", ["synthetic", "real"])
 def test_a_given_beam_has_the_samples_of_its_own_doppler_bandwidth(aperture):
-    # 2 v beta / lambda (Cumming and Wong 2005, eq. 4.36), in the time in which the craft flies the cell.
+    # Frequencies of the echoes in a beam spread over 2 v beta / lambda; in the time in which the craft flies the cell.
     beta, v = math.radians(0.8), 100.0
     r = radar(aperture=aperture, azimuth_beamwidth_deg=0.8)
     doppler_hz = 2.0 * v * beta / r.wavelength_m
