@@ -16,7 +16,8 @@ from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums
 from seqrsm.simulate.radar.fading import correlated_fading
-from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.psm import blind_channels, simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 from seqrsm.simulate.radar.targets import CulturalTarget
 from seqrsm.simulate.runner import do_all
@@ -306,6 +307,19 @@ def test_converter_words_from_one_to_sixteen_bits():
             np.testing.assert_allclose(got, plain, rtol=0.05)
     saturated = quiet(s, radar(receiver="saturation", receiver_level_db=-60.0)).intensity
     assert np.unique(saturated).size == 1
+
+
+@pytest.mark.parametrize(("bits", "told"), [(4, True), (10, True), (11, False), (12, False), (0, False)])
+def test_ground_below_half_a_step_of_the_converter_is_zero_and_told(bits, told):
+    # Half a step of 10 bits from 0 to 20 dB is 100 / 1023 / 2, a sigma0 of -13.1 dB, and 3.0 dB less with 11 bits.
+    s = scene(np.zeros((40, 40)), 5.0)
+    r = radar(adc_bits=bits, fading="none", peak_power_w=1e4)
+    level = -14.5
+    image = quiet(s, r, Table((level,)))
+    assert bool((image.intensity == 0.0).all()) == told
+    lookup = Table((level,)).lookup(("class 0",), 5.3, "VV", season="", wind_m_s=0.0, soil_moisture=0.2)
+    notes = blind_channels(r, make_frame(s, r, "float32"), [lookup])
+    assert [note.partition(":")[0] for note in notes] == ["echo weaker than half a step of the converter"] * told
 
 
 @pytest.mark.parametrize("bits", [1, 8, 16])

@@ -42,7 +42,7 @@ from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.runner import do_all
 from seqrsm.simulate.visits import ONCE, Visit
-from seqrsm.units import linear_to_db
+from seqrsm.units import db_to_linear, linear_to_db
 
 
 def simulate_radar(
@@ -316,7 +316,7 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
 
 
 def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
-    """Layers in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
+    """Layers in which no cover is seen at the centre of the swath: too weak for noise or converter, or saturated.
 
     Each as "kind: what"; ``lookups``: one for each layer.
     """
@@ -324,16 +324,24 @@ def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequen
     theta = flat.incidence_rad
     noise_db = float(linear_to_db(radar.noise_equivalent_sigma0(theta, flat.slant_range_m, flat.look_rad))[0])
     level_db = radar.receiver_level_db if radar.receiver == "saturation" else math.inf
-    weak, strong = [], []
+    step_db = -math.inf  # of a linear receiver, below which the converter tells 0
+    if radar.adc_bits and radar.receiver == "linear":
+        step_db = radar.receiver_level_db + radar.adc_range_db - float(linear_to_db(2.0 * (2.0**radar.adc_bits - 1.0)))
+    weak, lost, strong = [], [], []
     for layer, lookup in zip(radar.layers, lookups, strict=True):
         sigma0 = [np.interp(math.degrees(theta[0]), lookup.theta_deg, row) for row in lookup.sigma0]
         cover_db = linear_to_db(np.array(sigma0))
         weak += [layer] * bool((cover_db < noise_db).all())
+        seen_db = linear_to_db(db_to_linear(cover_db) + db_to_linear(noise_db))
+        lost += [layer] * bool((seen_db < step_db).all())
         strong += [layer] * bool((cover_db > level_db).all())
     notes = []
     if weak:
         text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
         notes.append(f"echo weaker than the receiver's noise: {text}")
+    if lost:
+        text = f"every cover in {' and '.join(lost)}, where half a step stands for a sigma0 of {step_db:.1f} dB"
+        notes.append(f"echo weaker than half a step of the converter: {text}")
     if strong:
         text = f"every cover in {' and '.join(strong)} returns more than the level of {level_db:g} dB"
         notes.append(f"saturated receiver: {text}")
