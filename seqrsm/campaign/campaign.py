@@ -34,7 +34,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, coded_settings, evidence, n_determined, scored_runs, see_names
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.guards import see_units
+from seqrsm.campaign.guards import see_meaning, see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
@@ -114,7 +114,7 @@ class Campaign:
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs, bundles, ranked = self.store.runs(), self.store.events(kind=MEASURED), self.store.events(kind=RANKED)
-        see_units(self.spec, runs)
+        see_meaning(self.store, self.spec, runs)
 
         def found(app: ApplicationSpec) -> Analysis:
             ground = measured_ground(bundles, app.name)
@@ -210,7 +210,7 @@ class Campaign:
             raise SpecError(message, "Repeat the command.", file=str(self.folder / SPEC_NAME))
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         see_names(self.spec, made)
-        see_units(self.spec, made)
+        see_meaning(self.store, self.spec, made)
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         analyses = analyses or self._looked(made, left)

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
 from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.spec.read import CampaignSpec, placed
+from seqrsm.store.records import RunRecord
 from seqrsm.store.store import Store
 
 EXPERIMENT = "experiment"
@@ -61,9 +63,7 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     StoreError
         What differs, with the values before and now; nothing is noted.
     """
-    now = experiment_of(spec)
-    told = [event.detail[EXPERIMENT] for event in store.events(kind=EXPERIMENT) if event.detail]
-    before: dict[str, str] = told[-1] if told else {}
+    now, before = experiment_of(spec), _before(store)
     # A file that is away is no other file: its runs fail by the machine, and are made once it is back.
     now |= {key: before[key] for key, value in now.items() if key.startswith("file ") and not value and key in before}
     if before == now:
@@ -76,10 +76,30 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     if any(key.startswith("utility of ") for key in fresh):  # with code of its own
         apart |= {key for key in fresh if key.startswith("file ")}
     changed = sorted({key for key, _ in before.items() ^ now.items()} - apart)
-    if told and changed and not accept and made:
+    if before and changed and not accept and made:
         raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
     if note:
         store.add_event(EXPERIMENT, {EXPERIMENT: now})
+
+
+def see_utilities(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Refuse simulated scores of another utility than the application has now: they would be told as scores of it.
+
+    Raises
+    ------
+    StoreError
+        The utility before and now.
+    """
+    before, made = _before(store), any(run.state == "scored" and run.source == "simulation" for run in runs)
+    now = {f"utility of {one.name}": one.utility for one in spec.applications}
+    if changed := [key for key in now if made and before.get(key, now[key]) != now[key]]:
+        raise StoreError(*(_problem(spec, key, before[key], now[key]) for key in changed))
+
+
+def _before(store: Store) -> dict[str, str]:
+    """What the simulated scores so far rest on; nothing where there are none."""
+    told = [event.detail[EXPERIMENT] for event in store.events(kind=EXPERIMENT) if event.detail]
+    return told[-1] if told else {}
 
 
 def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
@@ -92,7 +112,14 @@ def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
             message = "earlier runs were simulated from this file, which is no longer used"
         return Problem(message, remedy, file=key.removeprefix("file "))
     message = f"{key} was {before or 'not given'} for earlier runs and is now {now or 'not given'}"
-    return Problem(message, remedy, file=str(spec.folder / SPEC_NAME))
+    if key == "seqrsm":
+        return Problem(message, remedy)
+    head, _, name = key.partition("] ")
+    path: tuple[str | int, ...] = (*head.removeprefix("[").split("."), name)
+    for k, one in enumerate(spec.applications):
+        if key == f"utility of {one.name}":
+            path = ("application", k, "utility")
+    return placed(spec, Problem(message, remedy), *path)
 
 
 @lru_cache(maxsize=32)

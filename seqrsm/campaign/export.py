@@ -11,6 +11,7 @@ from dataclasses import asdict, astuple, fields
 from pathlib import Path
 
 from seqrsm import __version__
+from seqrsm.campaign.guards import see_meaning
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import StoreError
 from seqrsm.files import put, see_free
@@ -34,8 +35,10 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     Raises
     ------
     UserError
-        Another suffix, a file that exists with other content, or a folder that cannot be written.
+        Settings or scores of other units than ``campaign.toml`` tells now, another suffix, a file that exists with
+        other content, or a folder that cannot be written.
     """
+    see_meaning(store, spec, store.runs())
     target = Path(path)
     if target.suffix == ".json":
         texts = {target: _json_text(store, spec)}

@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.campaign.experiment import see_utilities
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
 from seqrsm.errors import Problem, SpecError
 from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
 from seqrsm.score.flight import MeasuredScore, ScoresFile
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
+from seqrsm.store.store import Store
 from seqrsm.units import unit_factor, units_like
 
 _NO_REGION = 300.0
@@ -100,6 +102,17 @@ def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Ite
                     f"If this corrects it, first: seqrsm void DIR --ranking {number} --why TEXT. Else name a session."
                 )
                 yield Problem(message, hint, file.name, new.images[0].line, "interpreter", new.interpreter)
+
+
+def see_meaning(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Refuse settings in another unit and scores of another utility than ``campaign.toml`` tells now; see there.
+
+    Raises
+    ------
+    SpecError, StoreError
+    """
+    see_units(spec, runs)
+    see_utilities(store, spec, runs)
 
 
 def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:

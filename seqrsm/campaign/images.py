@@ -13,6 +13,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
+from seqrsm.campaign.guards import see_meaning
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, scene_at, score_images, simulate_images, task_of
 from seqrsm.campaign.status import latest_look
@@ -188,7 +189,9 @@ def _remarks(picture: Picture, out: Path) -> list[str]:
 
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:
     spec, region = campaign.spec, campaign.spec.region
-    look = latest_look(spec, spec.applications[0], campaign.store.runs())["last_look"]
+    runs = campaign.store.runs()
+    see_meaning(campaign.store, spec, runs)
+    look = latest_look(spec, spec.applications[0], runs)["last_look"]
     settings = dict(look["optimum"]["settings"]) if look else region.decode(region.centre())[0]
     for assignment in assignments:
         name, sign, value = assignment.partition("=")

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.campaign.export import factor_columns
-from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_units, suspects
+from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_meaning, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import counted, shallow
 from seqrsm.score.cells import Measure
@@ -89,7 +89,7 @@ def ingest_files(
         Rows that do not fit the runs of the campaign, or runs that do not fit its region; nothing was changed.
     """
     runs = store.runs()
-    see_units(spec, runs)
+    see_meaning(store, spec, runs)
     read: list[_Read] = []
     problems: list[Problem] = []
     only_ranked = all(one.utility == "rank" for one in spec.applications)

@@ -12,7 +12,7 @@ from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import evidence, see_names
-from seqrsm.campaign.guards import see_units
+from seqrsm.campaign.guards import see_meaning
 from seqrsm.errors import FitError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
@@ -38,9 +38,9 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
             store.verify()
             runs = store.runs()
+            see_meaning(store, spec, runs)
             events = store.events() if history else ()
             bundles = store.events(kind=MEASURED)
-    see_units(spec, runs)
     applications = [latest_look(spec, one, runs, measured_ground(bundles, one.name)) for one in spec.applications]
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {

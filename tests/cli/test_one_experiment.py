@@ -82,6 +82,26 @@ def test_what_changed_is_refused_and_can_be_accepted_or_put_back(begun, file, ol
     assert scored(begun) > before
 
 
+def test_scores_of_a_former_utility_are_told_as_no_other(begun) -> None:
+    """`status` had told them in the unit of the new utility, and `propose` had issued runs that were chosen by them."""
+    changed(begun, "campaign.toml", '"own:mine"', '"kappa"')
+    line = (begun / "campaign.toml").read_text(encoding="utf-8").splitlines().index('utility = "kappa"')
+    told = f"campaign.toml:{line + 1}: utility of cover was own:mine for earlier runs and is now kappa"
+    before = Campaign.open(begun).store.runs()
+    for command in ("status", "fit", "propose", "simulate", "run", "report", "rehearse", "check"):
+        refused = RUNNER.invoke(app, [command, str(begun)])
+        assert refused.exit_code == 2, command
+        assert told in refused.output, command
+    for command, file in (("ingest", "s.csv"), ("export", "all.csv"), ("export", "all.json"), ("image --out", "i.png")):
+        (begun / "s.csv").write_text("polarization,resolution,score\nHH,20,0.2\n", encoding="utf-8")
+        place = command.split()
+        refused = RUNNER.invoke(app, [place[0], str(begun), *place[1:], str(begun / file)])
+        assert (refused.exit_code, told in refused.output) == (2, True), command
+    assert Campaign.open(begun).store.runs() == before
+    changed(begun, "campaign.toml", '"kappa"', '"own:mine"')
+    assert RUNNER.invoke(app, ["status", str(begun)]).exit_code == 0
+
+
 def test_a_scene_of_another_ground_is_refused(begun) -> None:
     data = (begun / "scene.npz").read_bytes()
     (begun / "scene.npz").write_bytes(data + b"\0")
