@@ -14,7 +14,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem, RegionError
 from seqrsm.fit.least_squares import block_columns
-from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.read import CampaignSpec, placed
 from seqrsm.store.records import CONFIRMATION, RunRecord
 
 _SAME_SETTING_DECIMALS = 9
@@ -99,11 +99,11 @@ def see_names(spec: CampaignSpec, runs: Sequence[RunRecord], *applications: str)
     """
     scored = dict.fromkeys(score.application for run in runs if run.state == "scored" for score in run.scores)
     others = [name for name in scored if name not in {one.name for one in spec.applications}]
-    for name in applications or [one.name for one in spec.applications]:
-        if others and name not in scored:
+    for k, name in enumerate(one.name for one in spec.applications):
+        if others and name not in scored and (name in applications or not applications):
             message = f"no run has a score of '{name}'; runs have scores of {', '.join(map(repr, others))}"
-            remedy = "Restore the name in campaign.toml, ingest scores, or void those runs."
-            raise FitError(message, remedy, field="application")
+            remedy = "Restore the name, ingest scores, or void those runs."
+            raise FitError(placed(spec, Problem(message, remedy, field="application"), "application", k))
 
 
 def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:

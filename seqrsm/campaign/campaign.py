@@ -37,12 +37,12 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.guards import see_meaning, see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
 from seqrsm.design.factors import CategoricalFactor
-from seqrsm.errors import OvertakenError, SpecError, StoreError, UserError
+from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.remember import remembered
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec, placed
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
@@ -211,6 +211,8 @@ class Campaign:
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         see_names(self.spec, made)
         see_meaning(self.store, self.spec, made)
+        if source != "flight":
+            self._see_parameters()
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         analyses = analyses or self._looked(made, left)
@@ -220,8 +222,8 @@ class Campaign:
             fresh = confirmation_batch(self.spec, analyses, own)
             ids = self.store.add_batch(fresh, issue=True)  # beyond the budget
         elif left <= 0:
-            message = f"the budget of {budget} runs is spent"
-            raise StoreError(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME))
+            spent = Problem(f"the budget of {budget} runs is spent", "Raise [stop] max_runs.")
+            raise StoreError(placed(self.spec, spent, "stop", "max_runs"))
         else:
             proposed = self._proposals(made, min(n or self.spec.batch, left), source, own, analyses)[:left]
             runs = in_random_order(proposed, self.spec.seed, len(made))
@@ -279,6 +281,8 @@ class Campaign:
             see_experiment(self.store, self.spec)
         see_names(self.spec, runs := self.store.runs())
         see_units(self.spec, runs)
+        if runs:
+            self._see_parameters()
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
         carried: set[int] = set()
@@ -295,6 +299,12 @@ class Campaign:
                 carried |= late - {run.run_id for run in self._without_a_score()}
             self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
+
+    def _see_parameters(self) -> None:
+        if self.spec.simulator is not None:
+            from seqrsm.campaign.simulation import see_parameters  # the engines: not loaded for fit or status
+
+            see_parameters(self.spec)
 
     def _without_a_score(self) -> list[RunRecord]:
         """Runs simulated here before an application was added: its score is of the same images, simulated again."""
@@ -482,7 +492,7 @@ class Campaign:
         StoreError
             None of those could be scored.
         """
-        from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
+        from seqrsm.campaign.simulation import carry_out, files_of, task_of
         from seqrsm.simulate.runner import Lost, run_many
 
         cells = self.cells_of_ground()
@@ -510,8 +520,9 @@ class Campaign:
                     if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
         if lost and (names := self._unscored()):
-            message = f"earlier runs cannot be scored for '{names[0]}': {lost[0]}"
-            raise StoreError(message, file=str(self.folder / SPEC_NAME))
+            k = [one.name for one in self.spec.applications].index(names[0])
+            problem = Problem(f"earlier runs cannot be scored for '{names[0]}': {lost[0]}")
+            raise StoreError(placed(self.spec, problem, "application", k))
 
     def ingest(self, *files: TableSource, dry_run: bool = False, accept: bool = False) -> tuple[IngestReport, ...]:
         """Take in files or tables of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
 from seqrsm.errors import Problem, SpecError
 from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
 from seqrsm.score.flight import MeasuredScore, ScoresFile
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.spec.read import CampaignSpec, placed
 from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
 from seqrsm.store.store import Store
 from seqrsm.units import unit_factor, units_like
@@ -124,7 +123,7 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
         Of the scored runs some lie outside the factor's range, and none would in another unit; or all, and few would.
         Or some are so far away that rounding shows.
     """
-    for factor in spec.factors:
+    for k, factor in enumerate(spec.factors):
         if isinstance(factor, CategoricalFactor):
             continue
         found = (run.settings.get(factor.name, "") for run in runs if run.state == "scored")
@@ -138,15 +137,14 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             # A region may move off all runs: into another that close units also give, for a good reason.
             if own < others == n if own else 2 * others > n and not _close(unit, factor.unit):
                 message = f"{own} of {n} scored runs lie in the range of '{factor.name}', and {others} would if their"
-                place: dict[str, Any] = {"file": str(spec.folder / SPEC_NAME), "field": "unit", "value": factor.unit}
-                raise SpecError(
-                    f"{message} settings were in {unit}", "Restore unit and range, or void the runs.", **place
-                )
-        placed = [value for value in values if value > 0.0 or factor.scale == "linear"]
-        if np.max(np.abs(factor.code(placed)), initial=0.0) > _NO_REGION:
+                message, remedy = f"{message} settings were in {unit}", "Restore unit and range, or void the runs."
+                problem = Problem(message, remedy, field="unit", value=factor.unit)
+                raise SpecError(placed(spec, problem, "factor", k, "unit"))
+        codable = [value for value in values if value > 0.0 or factor.scale == "linear"]
+        if np.max(np.abs(factor.code(codable)), initial=0.0) > _NO_REGION:
             message = f"scored runs lie more than a hundred times the width of the range of '{factor.name}' outside it"
-            remedy = "Restore it, or void those runs."
-            raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME), field="range", value=span(factor))
+            problem = Problem(message, "Restore it, or void those runs.", field="range", value=span(factor))
+            raise SpecError(placed(spec, problem, "factor", k))
 
 
 def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:

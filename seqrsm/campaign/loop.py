@@ -17,7 +17,7 @@ from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, n_fitted, silent
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
-from seqrsm.campaign.simulation import NO_RUN, check_simulator, task_of
+from seqrsm.campaign.simulation import check_simulator
 from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
 from seqrsm.store.records import WAITING, RunRecord
 
@@ -120,8 +120,6 @@ class _ClosedLoop:
         self._refuse_less_than_a_start(budget)
         if spec.simulator is None and not campaign.store.runs(source="simulation"):
             check_simulator(spec)
-        if spec.simulator is not None and campaign.store.n_used():  # a factor that was left out may be missing now
-            _ = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]).acquisitions
         end: tuple[Ending, tuple[Analysis, ...]] | None = None
         while end is None:
             self._refuse_hopeless(self._simulated())

@@ -17,14 +17,14 @@ from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.region import Region
-from seqrsm.errors import SpecError
+from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, Proposal, Spread, propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import Runs, new_blocks, propose_from_process
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import batch_seed, generator
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.spec.read import CampaignSpec, placed
 from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 
 START = "start"
@@ -55,8 +55,8 @@ def start_size(spec: CampaignSpec) -> int:
     if spec.stop.max_runs < least:
         message = f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise"
         remedy = f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1."
-        file = str(spec.folder / SPEC_NAME)
-        raise SpecError(message, remedy, file=file, field="[stop] max_runs", value=spec.stop.max_runs)
+        problem = Problem(message, remedy, field="[stop] max_runs", value=spec.stop.max_runs)
+        raise SpecError(placed(spec, problem, "stop", "max_runs"))
     return min(model.p + EXTRA_RUNS, spec.stop.max_runs)
 
 

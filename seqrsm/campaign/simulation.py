@@ -391,6 +391,23 @@ def _new_score(application: str, found: UtilityScore, record: Mapping[str, Any])
     return NewScore(application, found.value, se=found.se if found.se > 0.0 else None, metadata=metadata)
 
 
+def see_parameters(spec: CampaignSpec) -> None:
+    """Refuse parameters of which no sensor can be built at the centre of the region, before any run is issued or made.
+
+    One may be missing since its factor was left out.
+
+    Raises
+    ------
+    SpecError
+    """
+    try:
+        _ = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]).acquisitions
+    except ConfigurationError as error:
+        raise SpecError(
+            *(p if p.field in spec.region.names else fixed_problem(spec, p) for p in error.problems)
+        ) from error
+
+
 def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
 
@@ -414,7 +431,8 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     if spec.simulator.known_map and not classifies:
         text = "no utility of this campaign classifies covers, so a map has no effect"
         remedy = "Remove known_map, or add an [[application]] that classifies."
-        raise SpecError(text, remedy, file=str(spec.folder / SPEC_NAME), field="[simulator] known_map")
+        problem = Problem(text, remedy, field="[simulator] known_map")
+        raise SpecError(placed(spec, problem, "simulator", "known_map"))
     fields = _notes_on_fields(spec, scene) if classifies else ()
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     if centre.known_map:
@@ -532,4 +550,7 @@ def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_po
     where = f"{len(met)} of {n_points} settings, for instance at {shown}"
     text = f"{str(problem).rstrip('.')}. This happens at {where}"
     remedy = "Change it or all ranges." if fixed else "Narrow the factor's range, or add a [[constraint]]."
-    return Problem(text, remedy, file=str(spec.folder / SPEC_NAME))
+    name, names = str(problem.field), spec.region.names
+    return placed(
+        spec, Problem(text, remedy), *(("factor", names.index(name)) if name in names else ("simulator", "fixed", name))
+    )

@@ -18,7 +18,7 @@ import numpy as np
 from seqrsm import __version__
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
+from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, see_parameters, task_of
 from seqrsm.errors import UserError
 from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import Goal, sign_of
@@ -49,9 +49,9 @@ def measure_tradeoff(
     Raises
     ------
     SpecError
-        The campaign has no simulator.
+        The campaign has no simulator, or a parameter of it is missing.
     """
-    task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the simulator, before anything is measured
+    see_parameters(spec)
     see_writable(spec.folder / FILE)
     key = {"spec": spec.spec_hash, "version": __version__, "configurations": configurations, "occasions": occasions}
     kept = _kept(spec.folder)

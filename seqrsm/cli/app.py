@@ -195,6 +195,7 @@ def check(
     from seqrsm.campaign.check import check_campaign
     from seqrsm.cli.blocks import show_sections
     from seqrsm.report.sections.check import check_sections
+    from seqrsm.spec.read import load_spec, placed
 
     with display("checking", inner=False) as shown:
         result = check_campaign(folder, partial(shown.count, "checking"))
@@ -203,9 +204,9 @@ def check(
     else:
         show_sections(check_sections(result, every_note=verbose))
         line()
-    judged, file = (result, *result.others), str(folder / "campaign.toml")
-    if refused := [Problem(one.refused, file=file, field="[stop]") for one in judged if one.refused]:
-        raise SpecError(*refused)
+    judged = (result, *result.others)
+    if refused := [Problem(one.refused, field="[stop]") for one in judged if one.refused]:
+        raise SpecError(*(placed(load_spec(folder), problem, "stop") for problem in refused))
     if not as_json:
         for problem in (problems := [one.target_problem for one in judged if one.target_problem]):
             line(f"Warning: {problem}")

@@ -56,7 +56,8 @@ def test_confirmation_flights_are_issued_and_decide(campaign: Path, away: float,
     np.testing.assert_allclose([run["settings"]["x"] for run in runs], best, rtol=1e-3)
     again = seqrsm("propose", campaign)  # one set is enough, and the budget of other runs is spent
     assert again.exit_code == 2
-    assert "the budget of 24 runs is spent" in again.stderr
+    line = 1 + (campaign / "campaign.toml").read_text(encoding="utf-8").splitlines().index("max_runs = 24")
+    assert f"campaign.toml:{line}: the budget of 24 runs is spent" in again.stderr
     flown(campaign, runs, before["optimum"]["mean"] + away, "flights.csv")
     after, status = document("fit", campaign), document("status", campaign)
     assert after["n_runs"] == before["n_runs"]

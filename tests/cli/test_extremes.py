@@ -88,8 +88,9 @@ def test_eight_factors(tmp_path) -> None:
 
 def test_a_budget_below_the_terms_is_refused(tmp_path) -> None:
     folder = make(tmp_path / "c", numeric(4), "half_width = 2.0\nmax_runs = 10")
-    for command in ("check", "propose"):
+    for command, key in (("check", "[stop]"), ("propose", "max_runs")):
         message = call(command, folder, code=2).stderr
+        assert line_of(folder, key) in message
         assert "10 runs cannot determine 15 terms" in message
         assert "max_runs" in message
 
@@ -231,6 +232,12 @@ def edited(folder: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new), encoding="utf-8")
 
 
+def line_of(folder: Path, text: str) -> str:
+    """File and line of ``campaign.toml`` on which a text stands, as errors name them."""
+    lines = (folder / "campaign.toml").read_text(encoding="utf-8").splitlines()
+    return f"campaign.toml:{1 + next(k for k, line in enumerate(lines) if text in line)}: "
+
+
 def test_a_level_added_later_gets_the_runs_that_it_needs(tmp_path) -> None:
     """No fit knows the new level; the next runs proposed are those that tell it, and the campaign goes on."""
     folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
@@ -333,7 +340,8 @@ def test_a_region_that_no_run_lies_in_is_reported(tmp_path) -> None:
     edited(folder, "high = 0.64", "high = 0.6100064")
     for command in ("fit", "status", "propose"):
         told = " ".join(call(command, folder, code=2).output.split())
-        assert "scored runs lie more than a hundred times the width of the range of 'x0' outside it (got (0.61," in told
+        far = "range: scored runs lie more than a hundred times the width of the range of 'x0' outside it (got (0.61,"
+        assert line_of(folder, "[[factor]]") + far in told
 
 
 def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> None:
@@ -346,7 +354,8 @@ def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> No
     new.write_text("height [km],score\n3.3,79\n", encoding="utf-8")
     for command in (["fit", folder], ["propose", folder], ["status", folder], ["ingest", folder, new, "--accept"]):
         told = " ".join(call(*command, code=2).output.split())
-        assert f"0 of {len(rows)} scored runs lie in the range of 'height', and {len(rows)} would" in told
+        none = f"unit: 0 of {len(rows)} scored runs lie in the range of 'height', and {len(rows)} would"
+        assert line_of(folder, 'unit = "km"') + none in told
         assert "if their settings were in m (got 'km')" in told
     edited(folder, 'unit = "km"\nlow = 0.6\nhigh = 6', 'unit = "ft"\nlow = 2000\nhigh = 20000')
     told = " ".join(call("fit", folder, code=2).output.split())
@@ -379,7 +388,8 @@ def test_a_renamed_application_is_told(tmp_path) -> None:
     edited(folder, 'name = "score"', 'name = "yield"')
     for command, code in (("fit", 2), ("propose", 2), ("status", 0)):
         told = " ".join(call(command, folder, code=code).output.split())
-        assert "no run has a score of 'yield'; runs have scores of 'score'. Restore the name" in told
+        none = "application: no run has a score of 'yield'; runs have scores of 'score'. Restore the name"
+        assert line_of(folder, "[[application]]") + none in told
     assert json.loads(call("status", folder, "--json").stdout)["runs"] == before
 
 

@@ -250,6 +250,8 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
     assert re.search(r"This happens at \d+ of \d+ settings, for instance at polarization HH, resolution 10 m\.", narrow)
     assert "Narrow the factor's range" in narrow
+    line = text[: text.rindex("[[factor]]")].count("\n") + 1
+    assert f"campaign.toml:{line}: resolution: " in narrow
     # One that is wrong at all settings, with another limit at each, is not mended by a narrower range.
     height = '[[factor]]\nname = "altitude_m"\nlow = 3000\nhigh = 4000\n[[application]]'
     text = text.replace("altitude_m = 4000.0", "prf_hz = 190000.0").replace("[[application]]", height, 1)

@@ -205,7 +205,7 @@ def test_a_new_application_that_scores_no_earlier_run_is_told_before_any_other_r
     before = Campaign.open(begun).store.runs()
     refused = run(begun, "--accept")
     assert refused.exit_code == 2
-    assert "earlier runs cannot be scored for 'second': [[application]] utility" in refused.output
+    assert "campaign.toml:22: earlier runs cannot be scored for 'second': [[application]] utility" in refused.output
     assert "no ice" in refused.output
     assert Campaign.open(begun).store.runs() == before
 
@@ -231,8 +231,12 @@ def test_a_factor_that_becomes_fixed_is_no_other_experiment(begun) -> None:
     factor = '[[factor]]\nname = "polarization"\nlevels = ["HH", "HH+HV"]\n'
     changed(begun, "campaign.toml", factor, "")
     before = Campaign.open(begun).store.runs()
-    assert "polarization: missing. Make it a factor or give it under [simulator.fixed]" in run(begun).output
+    told = f"{begun / 'campaign.toml'}:23: [simulator.fixed] polarization: missing. Make it a factor"
+    for command in ("run", "propose", "simulate", "tradeoff", "check"):
+        refused = RUNNER.invoke(app, [command, str(begun)])
+        assert (refused.exit_code, told in refused.output) == (2, True), (command, refused.output)
     assert Campaign.open(begun).store.runs() == before  # three batches had failed for it
+    assert RUNNER.invoke(app, ["propose", str(begun), "-n", "1", "--source", "flight"]).exit_code == 0
     changed(begun, "campaign.toml", "[simulator.fixed]", '[simulator.fixed]\npolarization = "HH"')
     assert RUNNER.invoke(app, ["check", str(begun)]).exit_code == 0
     done = run(begun, "--max-runs", "17")

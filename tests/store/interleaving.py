@@ -82,6 +82,7 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
     )
+    monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
     monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
     monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
     monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)

@@ -105,6 +105,7 @@ def campaign(tmp_path, monkeypatch):
         left = iter(ends)
         monkeypatch.setattr(runner, "run_many", lambda *_: iter([(0, next(left))]))
         monkeypatch.setattr(simulation, "task_of", lambda *_: None)
+        monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
         monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
         return opened
 

@@ -69,13 +69,10 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
         monkeypatch.setattr(runner, "run_many", carry)
         monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
-
-        for module in (simulation, loop):
-            monkeypatch.setattr(
-                module,
-                "task_of",
-                lambda _, run_id, settings, *__: SimpleNamespace(run_id=run_id, settings=settings, acquisitions=()),
-            )
+        monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
+        monkeypatch.setattr(
+            simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
+        )
         # These scores know nothing of files and grounds.
         monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
         monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
