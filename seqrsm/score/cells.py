@@ -275,7 +275,9 @@ class CellReader:
             number = self.number(text, line, factor.name, required=True)
             reciprocal = self.reciprocals.get(factor.name)
             if number is None or reciprocal is None:
-                return math.nan if number is None else number * self.scales.get(factor.name, 1.0)
+                scale = self.scales.get(factor.name, 1.0)
+                found = math.nan if number is None else number * scale
+                return found if scale == 1.0 else float(f"{found:.15g}")  # 1130 MHz are 1.13 GHz, to the last digit
             if number <= 0.0:
                 self.add("a wavelength or frequency must be above 0", "Correct it.", line, factor.name, text)
             return reciprocal / number if number > 0.0 else math.nan

@@ -63,6 +63,14 @@ def test_dialects_say_the_same(read, content):
     assert second.score == 60.0
 
 
+def test_a_converted_setting_is_the_number_that_people_write(read):
+    """1130 MHz were 1.1300000000000001 GHz, and no repeat of a run at 1.13 GHz."""
+    rows = "".join(f"{mhz},4,HH,50\n" for mhz in range(1000, 40000, 10))
+    scores = read(f"frequency [MHz],looks,polarization,score\n{rows}").scores
+    by_hand = [f"{mhz // 1000}.{mhz % 1000:03d}" for mhz in range(1000, 40000, 10)]
+    assert [one.settings["frequency"] for one in scores] == [float(text) for text in by_hand]
+
+
 def test_lines_count_blank_lines_and_quoted_breaks(read):
     content = "\n" + HEADER + ',note\n1,4,HH,50,"two\nlines"\n\n1,4,VV,51,\n'
     assert [score.line for score in read(content).scores] == [3, 6]
