@@ -42,7 +42,9 @@ EXIT_INTERRUPTED = 130
 EXIT_CLOSED_PIPE = 141
 """Nobody reads on; what a shell tells of a program that SIGPIPE ended."""
 EXIT_TERMINATED = 143
-_INTERRUPTED = "interrupted; all scores so far are kept, and the same command continues from here"
+_INTERRUPTED = "interrupted"
+_KEPT = "; all scores so far are kept, and the same command continues from here"
+"""Where a campaign is open."""
 _AGAIN_S = 0.1
 """After this time an interrupt comes again that a callback has swallowed."""
 
@@ -132,7 +134,7 @@ def fail_stopped() -> NoReturn:
     if _signals:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-    fail(_INTERRUPTED, EXIT_TERMINATED if signal.SIGTERM in _signals else EXIT_INTERRUPTED)
+    fail(_INTERRUPTED + (_KEPT if _to_do else ""), EXIT_TERMINATED if signal.SIGTERM in _signals else EXIT_INTERRUPTED)
 
 
 def stop_on_signals() -> None:

@@ -15,7 +15,7 @@ from seqrsm.errors import UserError
 
 @guarded
 def design(
-    runs: Annotated[int, typer.Option(min=1, help="Number of runs.")],
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs. For more, repeat a design.")],
     factors: Annotated[
         int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
     ] = None,

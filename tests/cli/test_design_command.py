@@ -107,6 +107,7 @@ def test_a_file_that_is_there_stays(tmp_path) -> None:
         (("--factors", 2, "--runs", 9, "--constraint", "x1 <"), "constraint"),
         (("--factors", 2, "--runs", 9, "--constraint", "y > 0"), "y"),
         (("--factors", 2, "--runs", 5), "6"),
+        (("--factors", 2, "--runs", 100000), "less than or equal to 1000"),
         (("--factors", 2, "--runs", 8, "--constraint", "abs(x1 - x2) <= 0.0009"), "so thin"),
     ],
 )  # fmt: skip

@@ -57,9 +57,7 @@ def test_an_interrupt_that_a_compiler_swallows_ends_the_command_all_the_same(the
         [sys.executable, "-c", code, SWALLOWED.format(then=then)],
         stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts, check=False,
     )  # fmt: skip
-    assert done.returncode == 130, done.stderr
-    assert "continues from here" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def finish(*arguments: object) -> str:
@@ -132,7 +130,7 @@ def _ends_as_interrupted(code: str) -> None:
         [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
         check=False,
     )  # fmt: skip
-    assert (done.returncode, "Traceback" in done.stderr) == (130, False), done.stderr
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")  # without a campaign there is nothing to continue
 
 
 def test_an_interrupt_before_a_command_has_begun() -> None:
