@@ -52,7 +52,6 @@ def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:
         max_runs=stop.max_runs,
         replicates=stop.replicates,
         guard=stop.guard,
-        alpha_lack_of_fit=stop.lack_of_fit_alpha,
         ground_share=ground_share,
         counts_ground=stop.worlds == "count",
     )

@@ -46,7 +46,7 @@ SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
 
 def write_image(
-    campaign: Campaign, assignments: Sequence[str], run_id: int, out: Path, *, mask: str, threads: int, number: int
+    campaign: Campaign, assignments: Sequence[str], out: Path, *, mask: str, threads: int, number: int
 ) -> dict[str, Any]:
     """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz; or one of its masks.
 
@@ -56,8 +56,6 @@ def write_image(
     assignments : sequence of str
         "name=value" for factors; the others are those of the first application's optimum, or of
         the centre of the region.
-    run_id : int
-        Whose occasion to draw; 0 belongs to no run.
     out : Path
         File to write; its suffix tells the form.
     mask : str
@@ -75,7 +73,7 @@ def write_image(
     if out.suffix.lower() not in SUFFIXES:
         raise UserError("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out))
     see_writable(out)
-    made = simulated(campaign, assignments, run_id, mask=mask, threads=threads, number=number)
+    made = simulated(campaign, assignments, mask=mask, threads=threads, number=number)
     picture, settings = picture_of(made.image), with_units(campaign.spec.factors, made.task.settings)
     share, remarks = None, ""
     if mask:
@@ -144,11 +142,11 @@ class Simulated:
 
 
 def simulated(
-    campaign: Campaign, assignments: Sequence[str], run_id: int, *, mask: str = "", threads: int = 1, number: int = 1
+    campaign: Campaign, assignments: Sequence[str], *, mask: str = "", threads: int = 1, number: int = 1
 ) -> Simulated:
     """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec
-    task = task_of(spec, run_id, {})  # the simulator before any setting
+    task = task_of(spec, NO_RUN, {})  # the simulator before any setting
     task = replace(task, settings=_settings(campaign, assignments))
     try:
         made = task.acquisitions

@@ -35,16 +35,15 @@ LEVELS: Final = (0, 8, 4, 2)
 COARSENED: Final = "coarser data base measured"
 """Kind of the event that keeps which of them a campaign takes."""
 
+CONFIGURATIONS, OCCASIONS = 8, 6
 _CONSIDERED, _COMPARED, _OCCASIONS = 60, 3, 2
 
 
-def measure_tradeoff(
-    spec: CampaignSpec, *, configurations: int, occasions: int, progress: Callable[[int, int], None]
-) -> dict[str, Any]:
+def measure_tradeoff(spec: CampaignSpec, progress: Callable[[int, int], None]) -> dict[str, Any]:
     """Measure, or go on measuring, the trade-off of a campaign: plain values, also written to `FILE`.
 
-    So many ``configurations``, settings spread over the region with the centre among them, are each simulated on so
-    many ``occasions`` on every database, the same for all. ``progress`` is told of (done, all) configurations.
+    `CONFIGURATIONS` settings spread over the region with the centre among them are each simulated on `OCCASIONS`
+    occasions on every database, the same for all. ``progress`` is told of (done, all) configurations.
 
     Raises
     ------
@@ -53,15 +52,15 @@ def measure_tradeoff(
     """
     see_parameters(spec)
     see_writable(spec.folder / FILE)
-    key = {"spec": spec.spec_hash, "version": __version__, "configurations": configurations, "occasions": occasions}
+    key = {"spec": spec.spec_hash, "version": __version__}
     kept = _kept(spec.folder)
     if kept.get("key") != key:
         kept = {"key": key, "rows": [], "simulation": None}
-    for done, own in enumerate(_some_configurations(spec, configurations)):
+    for done, own in enumerate(_some_configurations(spec, CONFIGURATIONS)):
         if done >= len(kept["rows"]):
-            kept["rows"].append(_measured(spec, own, occasions))
+            kept["rows"].append(_measured(spec, own, OCCASIONS))
             put_json(spec.folder / FILE, kept)
-        progress(done + 1, configurations)
+        progress(done + 1, CONFIGURATIONS)
     kept["simulation"] = _summary(spec, kept["rows"])
     put_json(spec.folder / FILE, kept)
     return {name: value for name, value in kept.items() if name != "rows"}

@@ -183,11 +183,7 @@ def _next_step(folder: Path) -> str:
 
 @app.command()
 @guarded
-def check(
-    folder: Folder,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show every assumption.")] = False,
-    as_json: AsJson = False,
-) -> None:
+def check(folder: Folder, as_json: AsJson = False) -> None:
     """Check a campaign before it runs.
 
     Validates the specification, and estimates cost and whether the target half-width can be reached. Starts no runs.
@@ -202,7 +198,7 @@ def check(
     if as_json:
         print_json(result.to_json())
     else:
-        show_sections(check_sections(result, every_note=verbose))
+        show_sections(check_sections(result))
         line()
     judged = (result, *result.others)
     if refused := [Problem(one.refused, field="[stop]") for one in judged if one.refused]:
@@ -421,12 +417,7 @@ def rehearse(
 
 @app.command()
 @guarded
-def tradeoff(
-    folder: Folder,
-    configurations: Annotated[int, typer.Option(min=2, max=100, help="Settings spread over the region.")] = 8,
-    occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every scene resolution.")] = 6,
-    as_json: AsJson = False,
-) -> None:
+def tradeoff(folder: Folder, as_json: AsJson = False) -> None:
     """Measure simulation speed against accuracy. After an interruption the same command continues."""
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.blocks import show_blocks
@@ -435,9 +426,7 @@ def tradeoff(
 
     spec = load_spec(folder)
     with display("measuring", inner=False) as shown:
-        result = measure_tradeoff(
-            spec, configurations=configurations, occasions=occasions, progress=partial(shown.count, "measuring")
-        )
+        result = measure_tradeoff(spec, partial(shown.count, "measuring"))
     units = {one.name: one.score_unit for one in spec.applications}
     print_json(result) if as_json else show_blocks(tradeoff_blocks(result, units))
 
@@ -490,7 +479,6 @@ def image(
     folder: Folder,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")],
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A sensor setting.")] = None,
-    run_id: Annotated[int, typer.Option(min=0, help="Run whose random occasion is drawn; 0 is no run's.")] = 0,
     mask: Annotated[str, typer.Option(metavar="NAME", help="Write a mask instead: shadow, layover or blocked.")] = "",
     threads: Annotated[int, typer.Option(min=1, max=256, help="Threads per radar image.")] = 1,
     number: Annotated[int, typer.Option(help="Image to write of several sensors or dates, from 1.")] = 1,
@@ -504,7 +492,7 @@ def image(
 
     campaign = _opened(folder)
     with display("simulating"):
-        result = write_image(campaign.opened, settings or [], run_id, out, mask=mask, threads=threads, number=number)
+        result = write_image(campaign.opened, settings or [], out, mask=mask, threads=threads, number=number)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 

@@ -389,7 +389,6 @@ class Campaign:
         self,
         settings: Mapping[str, float | str] | None = None,
         *,
-        run_id: int = 0,
         number: int = 1,
         threads: int = 1,
         **more: float | str,
@@ -400,8 +399,6 @@ class Campaign:
         ----------
         settings : Mapping, optional
             By name; also as keyword arguments: ``image(frequency=1.25)``.
-        run_id : int
-            Run whose random occasion is drawn; 0 is no run's.
         number : int
             Which image of several sensors or dates, from 1.
         threads : int
@@ -417,12 +414,11 @@ class Campaign:
         from seqrsm.design.factors import with_units
         from seqrsm.simulate.pictures import labelled_arrays, picture_of
 
-        _see_whole(0, run_id=run_id)
         _see_whole(1, number=number, threads=threads)
         _see(Mapping | None, settings=settings)
         given = {**(settings or {}), **more}
         texts = [f"{name}={value}" for name, value in given.items()]
-        made = simulated(self.opened, texts, run_id, threads=threads, number=number)
+        made = simulated(self.opened, texts, threads=threads, number=number)
         picture = picture_of(made.image)
         arrays = labelled_arrays(picture)
         told, spec = made.told(picture.values.shape), self.spec

@@ -24,6 +24,8 @@ from seqrsm.plain import counted
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 Guard = Literal["runs", "confirmation"]
 
+LACK_OF_FIT_ALPHA = 0.05
+"""Lack of fit with a smaller p stops the stopping."""
 _RUNS_PER_TERM = 3  # of the guard "runs"
 _MIN_DF = 20
 """Residual degrees of freedom that do in place of that, with three runs for each term in factors that matter where
@@ -65,8 +67,6 @@ class StopRule:
     guard : "runs" or "confirmation"
         What guards against stopping on a lucky s: enough runs, see `min_runs`, or a set of fresh runs that agrees with
         the model.
-    alpha_lack_of_fit : float
-        Lack of fit with a smaller p stops the stopping.
     ground_share : float
         Share of a run's variance that is not chance but one ground against another, 0 to below 1: future runs have it
         in common, and no mean of them is without it.
@@ -83,7 +83,6 @@ class StopRule:
     max_runs: int = 80
     replicates: int = 5
     guard: Guard = "runs"
-    alpha_lack_of_fit: float = 0.05
     ground_share: float = 0.0
     counts_ground: bool = True
     acting_terms: int = 0
@@ -409,7 +408,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         have = counted(look.df_pure_error, "degree of freedom", "degrees of freedom")
         text = f"Repeated runs give {have} of pure error; {asked}."
         checks.append(Check("pure_error", look.df_pure_error >= MIN_DF_PURE_ERROR, text))
-        checks.append(_lack_of_fit_check(rule, look))
+        checks.append(_lack_of_fit_check(look))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         text = "Confirmation runs at the recommended settings are still to be made."
@@ -460,13 +459,13 @@ def _guess_check(guess: float, look: Look, width: float, unit: str) -> Check:
     return Check("guess", False, text)
 
 
-def _lack_of_fit_check(rule: StopRule, look: Look) -> Check:
+def _lack_of_fit_check(look: Look) -> Check:
     p = look.lack_of_fit
     if look.saturated:
         text = "The model has a term for every setting of the region, so lack of fit cannot arise."
         return Check("lack_of_fit", True, text)
     if isinstance(p, str):
         return Check("lack_of_fit", None, f"Lack of fit cannot be tested: {p}.")
-    holds = p >= rule.alpha_lack_of_fit
+    holds = p >= LACK_OF_FIT_ALPHA
     verdict = "not significant" if holds else "significant: the model does not describe this region"
-    return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
+    return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {LACK_OF_FIT_ALPHA:g}).")

@@ -70,8 +70,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     intervals; ``loss`` (no limit): largest expected loss of the recommended settings against the true optimum, in score
     units; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p or, while a quadratic is likelier than not,
     n >= p + 20; or "confirmation": confirmation runs decide); ``confirmation_runs`` (5): runs made at the optimum to
-    confirm it, at least 2; ``lack_of_fit_alpha`` (0.05): significance level of lack of fit; ``worlds`` ("count", the
-    default: the target applies to the whole interval; or "ignore": to sampling error only, without table uncertainty).
+    confirm it, at least 2; ``worlds`` ("count", the default: the target applies to the whole interval; or "ignore": to
+    sampling error only, without table uncertainty).
 ``[store]``
     ``url``: an SQLAlchemy address; by default the file ``campaign.db`` in the campaign folder. A relative
     ``sqlite:///`` path starts from that folder; put passwords of a server into ``PGPASSWORD`` or ``~/.pgpass``.

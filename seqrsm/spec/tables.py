@@ -258,7 +258,6 @@ class StopSpec(Table):
     max_runs: Annotated[int, Field(ge=1)] = 80
     guard: Literal["runs", "confirmation"] = "runs"
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
-    lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     worlds: Literal["count", "ignore"] = "count"
 
 

@@ -129,7 +129,7 @@ def test_pictures_and_studies_of_such_a_campaign(varied, tmp_path):
     refusal = seqrsm("image", varied, "--set", "season=monsoon", "--out", image)
     assert refusal.exit_code == 2
     assert "monsoon" in refusal.stderr
-    study = told("tradeoff", varied, "--configurations", 3, "--occasions", 2)
+    study = told("tradeoff", varied)
     assert not study["simulation"]["failures"]
     assert {row["season"] for row in study["simulation"]["configurations"]} <= {"spring_summer", "fall", "winter"}
 

@@ -167,9 +167,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Pat
     return folder
 
 
-@pytest.mark.parametrize(
-    "words", ["status --history", "fit", "check", "candidates --worlds 4", "tradeoff --configurations 2 --occasions 2"]
-)
+@pytest.mark.parametrize("words", ["status --history", "fit", "check", "candidates --worlds 4", "tradeoff"])
 def test_a_campaign_with_a_simulator(simulated: Path, words: str) -> None:
     command, *options = words.split()
     document(command, simulated, *options)

@@ -213,7 +213,6 @@ def test_what_cannot_be_leaves_no_folder(tmp_path: Path, more: dict, says: str) 
         ("run", {"workers": True}, 1),
         ("candidates", {"worlds": 2}, 4),
         ("candidates", {"workers": 0}, 1),
-        ("image", {"run_id": -1}, 0),
         ("image", {"threads": 0}, 1),
         ("image", {"number": "2"}, 1),
     ],
@@ -261,7 +260,7 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
         *(lambda value=value: c.fit(test=value) for value in (None, 1, array, [1], b"x")),
         *(lambda value=value: c.candidates(worlds=value) for value in (array, None, "9")),
         *(lambda value=value: c.image(value) for value in (-1, array, "x", [1], table)),
-        *(lambda value=value: c.image(run_id=value) for value in (array, None, "1")),
+        *(lambda value=value: c.image(number=value) for value in (array, None, "1")),
         *(lambda value=value: c.report(html=value) for value in (0, "", ["a.html"], array)),
     ):
         with pytest.raises(UserError):

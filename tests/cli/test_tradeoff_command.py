@@ -9,6 +9,7 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.campaign import tradeoff
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.tradeoff import COARSENED, FILE, read_tradeoff
 from seqrsm.cli.app import app
@@ -61,9 +62,13 @@ def test_a_tolerance_below_every_difference_keeps_the_data_base(tmp_path: Path, 
     assert {run.scores[0].metadata["fidelity"]["averaged"] for run in runs} == {1}
 
 
-def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scene: Path) -> None:
+def test_tradeoff_measures_every_data_base_and_goes_on(
+    tmp_path: Path, tiny_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tradeoff, "CONFIGURATIONS", 3)
+    monkeypatch.setattr(tradeoff, "OCCASIONS", 2)
     tiny = make_tiny(tmp_path / "wide", tiny_scene, WIDE)
-    arguments = ("tradeoff", tiny, "--configurations", 3, "--occasions", 2, "--json")
+    arguments = ("tradeoff", tiny, "--json")
     code, out, _ = call(*arguments)
     assert code == 0
     found = json.loads(out)

@@ -287,8 +287,7 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
     tests = [term_test(studied.analyses[0], "look_angle")]
     in_all_faces(
         (
-            *check_sections(result, every_note=False),
-            *check_sections(result, every_note=True),
+            *check_sections(result),
             rehearsal_section(rehearsed),
             Section("tests", "Tests", (term_test_table(studied.analyses[0], tests),)),
             _measured(studied.analyses[0]),
@@ -305,11 +304,11 @@ def test_what_every_row_of_a_check_is_stands_once() -> None:
         **vars(soil), name="polder", n_factors=3, n_terms=27, start_runs=33, max_runs=300, seconds_per_run=math.nan,
         cost=301.5, cost_unit="", notes=(), covers=(), combinations=(), hardware=(), others=(one,),
     )  # fmt: skip
-    sections = check_sections(result, every_note=False)
+    sections = check_sections(result)
     told = str(sections)
     assert told.count("Each row: 200 simulated campaigns on random quadratics") == 1
     of_scores = dataclasses.replace(result, others=(dataclasses.replace(one, surfaces="the posterior"),))
-    assert str(check_sections(of_scores, every_note=False)).count("Each row: 200 simulated campaigns on ") == 2
+    assert str(check_sections(of_scores)).count("Each row: 200 simulated campaigns on ") == 2
     items = dict(sections[0].blocks[0].items)
     assert (items["variance from table uncertainty, soil"], items["variance from table uncertainty, crops"]) == (
         "70 %",

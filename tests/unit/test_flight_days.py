@@ -80,7 +80,7 @@ def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path
     assert (before.min_runs, after.min_runs) == (18, 33)
     assert (before.min_runs_departed, after.min_runs_departed) == (18, 39)
     assert {plan.asked for plan in after.plans if not plan.change} == {33}
-    told = [dict(check_sections(one, every_note=False)[0].blocks[0].items) for one in (before, after)]
+    told = [dict(check_sections(one)[0].blocks[0].items) for one in (before, after)]
     assert [one["minimum runs to stop"] for one in told] == [
         "18, and more for each further flight day; the budget is enough for 18 of these",
         "33, or up to 39 if scores favour another surface than a quadratic, and more for each further flight day; "
@@ -96,7 +96,7 @@ def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path
             block=DAYS,
         ).folder
     )
-    assert dict(check_sections(random, every_note=False)[0].blocks[0].items)["minimum runs to stop"] == "18"
+    assert dict(check_sections(random)[0].blocks[0].items)["minimum runs to stop"] == "18"
 
 
 @pytest.mark.parametrize("n_days", [2, 3, 5])

@@ -128,7 +128,6 @@ def test_the_contract_is_read(load, tmp_path):
         80,
     )
     assert (spec.stop.guard, spec.stop.replicates, spec.stop.confirmation_runs) == ("runs", 5, 5)
-    assert spec.stop.lack_of_fit_alpha == 0.05
     assert spec.store_url == "postgresql+psycopg://host/name"
     assert spec.application("crop-classification") is application
 

@@ -14,7 +14,7 @@ from seqrsm.report.sections.sources import group_notes
 from seqrsm.report.wording import with_unit
 
 
-def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, ...]:
+def check_sections(result: CheckResult) -> tuple[Section, ...]:
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
     judged = (result, *result.others)
@@ -58,10 +58,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         text = "Feasibility of the radar recommended so far (margins below 1 cannot be built)"
         sections.append(Section("hardware", text, (Bullets(result.hardware),)))
     if result.notes:
-        more = "" if every_note else "; -v or --json shows all, with those on single covers"
-        title = f"Assumptions of the simulation ({len(result.notes)}{more})"
-        notes = result.notes if every_note else group_notes(result.notes, result.covers)[2]
-        sections.append(Section("notes", title, (Bullets(notes),)))
+        title = f"Assumptions of the simulation ({len(result.notes)}; --json shows all, with those on single covers)"
+        sections.append(Section("notes", title, (Bullets(group_notes(result.notes, result.covers)[2]),)))
     return tuple(sections)
 
 

@@ -8,6 +8,7 @@ from functools import partial
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.decide.stopping import LACK_OF_FIT_ALPHA
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.plain import counted, heading
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, Paragraph, Section, Table, right, table
@@ -85,7 +86,7 @@ def _stop_text(dossier: Dossier) -> str:
         f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
         f"{target}{loss}; in addition, {guards[stop.guard]}. If only the quadratic "
         "is considered, pure error must be estimable and lack of fit not significant (at "
-        f"{level_text(stop.lack_of_fit_alpha)}). Budget: {stop.max_runs} runs."
+        f"{level_text(LACK_OF_FIT_ALPHA)}). Budget: {stop.max_runs} runs."
     )
 
 
