@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -104,20 +103,24 @@ def latest_look(
     -------
     dict
         ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's
-        summary, or None where there is no fit), ``reason`` (why scores give none).
+        summary, or None where there is no fit), ``warnings`` (of that fit), ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary
 
-    found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
+    found: dict[str, Any] = {"name": application.name, "unit": application.score_unit}
     stop = spec.stop_of(application.name)
-    found |= {"target_half_width": stop.half_width, "target_loss": stop.loss}
+    found |= {"target_half_width": stop.half_width, "target_loss": stop.loss, "last_look": None, "warnings": []}
     try:
         see_names(spec, runs, application.name)
         if any(run.state == "scored" and run.score_of(application.name) for run in evidence(runs)):
-            look = partial(analyse, spec, application, runs, ground=ground, n_draws=LOOK_DRAWS)
             made_of = (spec.spec_hash, application.name, runs, ground)
-            found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
+
+            def look() -> Any:
+                analysis = analyse(spec, application, runs, ground=ground, n_draws=LOOK_DRAWS)
+                return plain({"last_look": look_summary(analysis), "warnings": analysis.warnings})
+
+            found |= remembered(look, made_of)
     except FitError as error:
         found["reason"] = str(error)
     return found

@@ -22,12 +22,13 @@ from seqrsm.report.sections.application import application_sections, method_sect
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section, term_test_table
-from seqrsm.report.sections.summary import result_section, summary_section
+from seqrsm.report.sections.summary import FLAT, result_section, summary_section
 from seqrsm.report.wording import (
     cost_texts,
     ground_name,
     parts_of_width,
     readable,
+    readable_text,
     targets_text,
     told_settings,
     watched_interval,
@@ -164,6 +165,9 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     if limit is not None:
         loss = with_unit(known_text(look["expected_loss"], 2, limit), unit)
         line(f"expected loss: {loss}, target at most {with_unit(format_plain(limit), unit)}", 2)
+    for text in application["warnings"]:
+        if not text.startswith(FLAT):  # which is among the reasons
+            line(f"Warning: {readable_text(text, spec.region.names)}")
     heading(f"Decision: {look.get('decision', 'Stop' if look['held'] else 'Continue').lower()}")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

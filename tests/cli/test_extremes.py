@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -362,6 +363,20 @@ def test_another_unit_of_a_factor_is_refused_once_there_are_runs(tmp_path) -> No
     assert f"and {len(rows)} would if their settings were in m (got 'ft')" in told
     edited(folder, 'unit = "ft"\nlow = 2000\nhigh = 20000', 'unit = "m"\nlow = 100\nhigh = 500')
     assert f"Runs outside the region, included in the fit: {len(rows)}" in call("fit", folder).output  # as wanted
+
+
+def test_status_warns_of_what_fit_warns_of(tmp_path) -> None:
+    """An outlier is not seen in an interval, and `fit` alone told it."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1\nmax_runs = 40")
+    fly(folder, bowl, 2)
+    assert "Warning" not in call("status", folder).output
+    wild = folder / "wild.csv"
+    wild.write_text("x0,x1,score\n0.2,0.2,5\n", encoding="utf-8")
+    call("ingest", folder, wild, "--accept")
+    told = fitted(folder)["warnings"]
+    (one,) = json.loads(call("status", folder, "--json").stdout)["applications"]
+    assert one["warnings"] == told
+    assert re.search(r"Warning: Run \d+ is unusual.*: .*outlier", " ".join(call("status", folder).output.split()))
 
 
 def test_each_application_has_its_own_target(tmp_path) -> None:

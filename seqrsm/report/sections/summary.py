@@ -63,7 +63,7 @@ _TIES = 3
 _CLEAR_P = 0.05
 """Probability of the F test above which a factor is not said to matter."""
 
-_FLAT = "No factor has a significant effect"
+FLAT = "No factor has a significant effect"
 
 
 def summary_section(
@@ -155,7 +155,7 @@ def _is_a_guess(analysis: Analysis) -> bool:
 
 def _flat(analysis: Analysis) -> list[str]:
     """The warning that no factor matters, by the test of all terms, which goes before those of single factors."""
-    return [text for text in analysis.warnings if text.startswith(_FLAT)]
+    return [text for text in analysis.warnings if text.startswith(FLAT)]
 
 
 def recommendation(analysis: Analysis) -> str:
@@ -320,7 +320,7 @@ def _reasons(analysis: Analysis) -> Iterator[str]:
         return
     told = {check.text for check in decision.checks if check.name in ("interval", "loss") and check.holds is False}
     for text in decision.reasons:
-        if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(_FLAT)):
+        if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(FLAT)):
             yield text
 
 
