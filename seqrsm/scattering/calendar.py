@@ -229,7 +229,10 @@ class Calendar:
         remedy = f"Leave first_day out, or add its rows to a [simulator] calendar; known: {', '.join(known)}"
         if missing := [name for name in dict.fromkeys(categories) if name not in known]:
             text, file = "no calendar of this category", self.file or None
-            raise ScatteringDataError(*(Problem(text, remedy, file, field=COVER, value=name) for name in missing))
+            told = {missing[-1]: remedy}
+            raise ScatteringDataError(
+                *(Problem(text, told.get(name, ""), file, field=COVER, value=name) for name in missing)
+            )
         return [known[name] for name in categories]
 
     def _of_own(self, category: str, frequency_ghz: float, channel: str) -> tuple[FloatArray, float]:

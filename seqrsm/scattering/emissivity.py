@@ -32,7 +32,7 @@ from seqrsm.scattering.curves import THETA_DEG, shares_of
 from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, between_nodes, read_curves
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_cover
+from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.worlds import World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
@@ -252,9 +252,7 @@ class EmissivityTable:
             problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
         names = tuple(categories)
         known = (*self.curves, *self.mixes)
-        problems += [
-            unknown_cover("emissivity", known, self.file, name) for name in dict.fromkeys(names) if name not in known
-        ]
+        problems += unknown_covers("emissivity", known, self.file, names)
         if problems:
             raise ScatteringDataError(*problems)
         f = float(frequency_ghz)

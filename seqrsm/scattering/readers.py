@@ -34,15 +34,18 @@ _MAX_BYTES: Final = 50_000_000
 T = TypeVar("T")
 
 
-def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> Problem:
-    """A cover that a table of this quantity has not."""
-    near = difflib.get_close_matches(name.capitalize(), known, n=1)
-    like = f"Did you mean {near[0]}? " if near else ""
-    remedy = (
-        f"{like}The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its "
-        "rows in a table of your own"
-    )
-    return Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)
+def unknown_covers(quantity: str, known: Sequence[str], file: str, names: Iterable[str]) -> list[Problem]:
+    """Each cover that a table of this quantity has not; what the table has is told with the last."""
+    missing = [name for name in dict.fromkeys(names) if name not in known]
+    has = f"The table has: {', '.join(known)}. Give a cover one of these names in the scene's legend, or its "
+    has += "rows in a table of your own"
+    problems = []
+    for name in missing:
+        near = difflib.get_close_matches(name.capitalize(), known, n=1)
+        remedies = [*(f"Did you mean {one}?" for one in near), *[has] * (name == missing[-1])]
+        text = f"no {quantity} of this ground cover"
+        problems.append(Problem(text, " ".join(remedies), file or None, field=COVER, value=name))
+    return problems
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +139,12 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     return [Row(file, line, dict(zip(header, own, strict=True))) for line, own in rows]
 
 
-def for_each(categories: Iterable[str], find: Callable[[str], T]) -> dict[str, T]:
-    """What is found for each category, repeats once; ScatteringDataError with the problems of all."""
+def for_each(categories: Iterable[str], find: Callable[[str], T], unknown: Sequence[Problem] = ()) -> dict[str, T]:
+    """What is found for each category, repeats once; ScatteringDataError with the problems of all, unknown ones too."""
     found: dict[str, T] = {}
-    problems: list[Problem] = []
-    for category in dict.fromkeys(categories):
+    problems = list(unknown)
+    left = {problem.value for problem in unknown}
+    for category in (one for one in dict.fromkeys(categories) if one not in left):
         try:
             found[category] = find(category)
         except ScatteringDataError as error:

@@ -33,7 +33,7 @@ from seqrsm.scattering.curves import (
 )
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.models import soil_response_baghdadi16
-from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_cover
+from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import World, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -213,7 +213,10 @@ class Sigma0Table:
             raise ScatteringDataError("no such polarization", remedy, field="polarization", value=polarization)
         frequency = float(frequency_ghz)
         state = _State(frequency, float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
-        found = for_each(categories, lambda name: _evaluate(self._curve(name, season), channel, state, self.world))
+        unknown = unknown_covers("backscatter", self.categories, self.file, categories)
+        found = for_each(
+            categories, lambda name: _evaluate(self._curve(name, season), channel, state, self.world), unknown
+        )
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
@@ -253,8 +256,6 @@ class Sigma0Table:
         curve = self.curves.get((category, season))
         if curve is not None:
             return curve
-        if category not in self.categories:
-            raise ScatteringDataError(unknown_cover("backscatter", self.categories, self.file, category))
         seasons = ", ".join(s for c, s in self.curves if c == category)
         message = f"the table has no backscatter of {category} in this season"
         raise ScatteringDataError(message, f"It has: {seasons}", file=self.file or None, field="season", value=season)

@@ -111,10 +111,13 @@ def test_between_l_and_c_band_a_course_is_part_a_water_cloud_over_soil(frequency
 def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
     path = tmp_path / "own.csv"
     header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n"
-    path.write_text(header + "".join(f"sigma0,Hops,5.4,VV,{t},-10,dB,measured,me\n" for t in (20, 60)))
+    rows = (f"sigma0,{name},5.4,VV,{t},-10,dB,measured,me\n" for name in ("Hops", "Vines") for t in (20, 60))
+    path.write_text(header + "".join(rows))
     table = load_sigma0_table(path)
-    with pytest.raises(ScatteringDataError, match=r"no calendar of this category.*Hops"):
-        table.lookup(("Hops",), 5.4, "VV", day=150)
+    with pytest.raises(ScatteringDataError, match=r"no calendar of this category.*Hops") as caught:
+        table.lookup(("Hops", "Vines"), 5.4, "VV", day=150)
+    assert [problem.value for problem in caught.value.problems] == ["Hops", "Vines"]
+    assert str(caught.value).count("known: ") == 1
 
 
 def test_worlds_differ_in_the_course_as_its_error_says():

@@ -171,6 +171,7 @@ def test_errors_name_what_is_missing() -> None:
     with pytest.raises(ScatteringDataError) as caught:
         TABLE.lookup(["Rice", "Wheat", "Tundra"], 30.0, "HH")
     assert len(caught.value.problems) == 3
+    assert str(caught.value).count("The table has: ") == 1  # which was told with each cover
     with pytest.raises(ScatteringDataError, match=r"\(got 'corn'\)\. Did you mean Corn\?"):
         TABLE.lookup(["corn"], 3.0, "HH")
 
