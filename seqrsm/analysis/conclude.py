@@ -36,7 +36,7 @@ from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
 LOOK_DRAWS = 1000
-"""Posterior draws of a look; by these an expected loss is held against its limit, so that all looks say the same."""
+"""Posterior draws of a look; by these the stop rule is held against its targets, so that all looks say the same."""
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -109,10 +109,13 @@ def analyse(
     fitted = fit_application(spec, application, runs, ground)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     of_quadratic = optimum(model, region, beta, fitted.goal)
-    draws = alone = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
+    draws = looked = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
+    if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # what the rule asks is told with the draws of a look, or two would be
+        looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
+    of_steps, alone = draws, looked
     if application.prior is not None:  # the recommended settings and the score there rest on the scores alone
         silent = replace(fitted, application=application.model_copy(update={"prior": None}))
-        alone = draw_coefficients(spec, silent, sampler="exact", n_draws=n_draws)
+        of_steps = alone = draw_coefficients(spec, silent, sampler="exact", n_draws=LOOK_DRAWS)
     best = fitted.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
     taken_off = optimism(fitted, best.point, rng)
@@ -120,9 +123,6 @@ def analyse(
     confirmation, agreement = _confirmation(spec, fitted, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
-    looked = draws
-    if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # a loss is told with the draws of a look, or two would be told
-        looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
     posterior = summarise_posterior(spec, fitted, estimate, draws, looked, taken_off)
     loss = posterior.expected_regret
     decision = _decision(spec, fitted, estimate, loss, alone, agreement, known_map)
@@ -149,7 +149,7 @@ def analyse(
             _notes(spec, fitted, estimate)
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
-        steps=steps_of(fitted, estimate, alone, ranked, spec.seed) if thorough and fitted.surface.s > 0.0 else (),
+        steps=steps_of(fitted, estimate, of_steps, ranked, spec.seed) if thorough and fitted.surface.s > 0.0 else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         gap=largest_gap(region, fitted.data.points) if thorough else None,

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import FrameType, SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from process_cases import bowl, hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
@@ -333,3 +334,16 @@ def test_an_expected_loss_is_that_of_the_look_with_and_without_a_limit(tmp_path:
             assert (check.holds, one.posterior.expected_regret) == (loss <= limit, loss)
     step = next(_next_steps(limited.spec, looks[0]))
     assert f"(target: at most {format_plain(limit)}" in step
+
+
+@pytest.mark.parametrize("errors", ['errors = "student_t"', 'errors = "beta_binomial"\nresponse = "logit"'])
+def test_intervals_by_draws_are_those_of_the_look(tmp_path: Path, errors: str) -> None:
+    """`fit` and the report told other ends, and another half-width of the stop rule, than `status` and `run`."""
+    text = specification(numeric(2), rest=f"[model]\n{errors}\n").replace('"measured"', '"percent_correct"')
+    made = campaign(tmp_path / "c", text, POINTS[:0], ())
+    right = np.round(30.0 - 3.0 * np.sum(np.square(POINTS), axis=1) + NOISE).astype(int)
+    made.ingest(pd.DataFrame({"x0": POINTS[:, 0], "x1": POINTS[:, 1], "n": 40, "correct": right}))
+    look, told = made.analyse_all(n_draws=1000)[0], made.analyse_all(n_draws=300, sampler="emcee")[0]
+    for name in ("mean", "confidence", "prediction", "prediction_mean", "whole"):
+        assert getattr(told.optimum, name) == getattr(look.optimum, name)
+    assert told.decision.half_width == look.decision.half_width
