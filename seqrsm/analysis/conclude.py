@@ -110,7 +110,7 @@ def analyse(
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     of_quadratic = optimum(model, region, beta, fitted.goal)
     draws = looked = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
-    if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # what the rule asks is told with the draws of a look, or two would be
+    if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # the rule is told by the draws of a look, or two would be
         looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)
     of_steps, alone = draws, looked
     if application.prior is not None:  # the recommended settings and the score there rest on the scores alone

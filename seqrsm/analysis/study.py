@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,8 +43,9 @@ def block_study(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> BlockS
         low, high = fitted.application.score_limits
         mean = min(max(float(scale.to_score(found.mean)[0]), low), high)
         new = BlockResponse(mean, confidence.within(low, high), prediction.within(low, high))
-        sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
-        low, high = days.sigma_ratio_interval(level)
+        of_scale = math.sqrt(surface.errors.run_variance)
+        sigma, sigma_block, note = of_scale * days.sigma, days.sigma_day, days.reason
+        low, high = (end / of_scale for end in days.sigma_ratio_interval(level))
     return BlockStudy(
         effect="fixed" if surface.fixed_blocks else "random",
         new=new,

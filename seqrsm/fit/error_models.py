@@ -184,6 +184,11 @@ class ErrorModel:
         del fitted
         return given
 
+    def law(self, weighted: bool) -> tuple[str, str]:
+        """Distribution of an error about the linear model, as an equation and in words; w is a run's weight."""
+        over = (" \\/ w", " over w") if weighted else ("", "")
+        return f'"N"(0, sigma^2{over[0]})', f"normal with mean zero and variance sigma squared{over[1]}"
+
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
     ) -> Draws:
@@ -316,6 +321,12 @@ class StudentT(Additive):
     run_variance = STUDENT_DF / (STUDENT_DF - 2.0)
     random_blocks = True
     inflation = (STUDENT_DF + 3.0) / (STUDENT_DF + 1.0)
+
+    def law(self, weighted: bool) -> tuple[str, str]:
+        """See `ErrorModel.law`."""
+        scale = ("sigma \\/ sqrt(w) dot", "sigma over the root of w") if weighted else ("sigma", "sigma")
+        words = f"{scale[1]} times Student's t with {STUDENT_DF:g} degrees of freedom"
+        return f"{scale[0]} t_{STUDENT_DF:g}", words
 
     def log_likelihood(self, square: FloatArray) -> FloatArray:
         """See `Additive`."""

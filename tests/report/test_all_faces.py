@@ -235,7 +235,7 @@ def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied,
     factor = "log Bayes factor 4.2"
     alone = studied.analyses[0].region.decode(studied.analyses[0].of_quadratic.point)[0]
     for found, told in (
-        (Departure(departure.process, 4.2, 0.37), f"surface is not quadratic is 37 % ({factor})"),
+        (Departure(departure.process, 4.2, 0.37), f"has a probability of 37 % ({factor})"),
         (Departure(departure.process, 4.2, 0.37), f"polarization {alone['polarization']}."),
         (Departure(departure.process, 4.2, 0.0), f"The scores favour the quadratic ({factor})"),
         (

@@ -63,17 +63,14 @@ from seqrsm.report.wording import (
     with_unit,
 )
 
-MODEL_EQUATION = Equation(
-    "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"
-    ' quad epsilon tilde "N"(0, sigma^2)',
-    "y equals beta zero plus the sum of beta i x i plus the sum over pairs of beta i j x i x j plus the sum of "
-    "beta i i x i squared plus epsilon, which is normal with mean zero and variance sigma squared",
-)
-FIRST_ORDER_EQUATION = Equation(
-    'y = beta_0 + sum_(i) beta_i x_i + epsilon, quad epsilon tilde "N"(0, sigma^2)',
-    "y equals beta zero plus the sum of beta i x i plus epsilon, which is normal with mean zero and variance sigma "
-    "squared",
-)
+_TERMS = {
+    1: ("beta_0 + sum_(i) beta_i x_i", "beta zero plus the sum of beta i x i"),
+    2: (
+        "beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2",
+        "beta zero plus the sum of beta i x i plus the sum over pairs of beta i j x i x j plus the sum of beta i i x i "
+        "squared",
+    ),
+}
 PARTIAL_F_EQUATION = Equation(
     'F = (("SSE"_1 - "SSE") \\/ (p - q)) / ("SSE" \\/ (N - p))',
     "F equals the quotient of SSE one minus SSE over p minus q, and SSE over N minus p",
@@ -92,7 +89,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
         blocks.append(Paragraph(readable_text(analysis.sources.text, analysis.region.names)))
     blocks += [
         Paragraph(_weights_text(analysis), method=_model_text(analysis)),
-        MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
+        _model_equation(analysis),
         _statistics_table(analysis),
     ]
     if analysis.fit.reason:
@@ -102,6 +99,18 @@ def model_section(analysis: Analysis, key: str) -> Section:
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     blocks += _by_block(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
+
+
+def _model_equation(analysis: Analysis) -> Equation:
+    terms, law = _TERMS[analysis.model.order], analysis.fitted.surface.errors.law(_weighted(analysis))
+    return Equation(
+        f"y = {terms[0]} + epsilon, quad epsilon tilde {law[0]}", f"y equals {terms[1]} plus epsilon, which is {law[1]}"
+    )
+
+
+def _weighted(analysis: Analysis) -> bool:
+    """Whether runs have weights of their own, before what their errors make of them."""
+    return bool(np.ptp(analysis.scale.weights) > 0.0)
 
 
 def _model_text(analysis: Analysis) -> str:
@@ -114,7 +123,7 @@ def _model_text(analysis: Analysis) -> str:
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
     if analysis.scale.kind == "logit":
         text += " The model is fitted to the logit of the score; coefficients and sums of squares are on that scale."
-    return text
+    return f"{text} w is the weight of a run." if _weighted(analysis) else text
 
 
 def _weights_text(analysis: Analysis) -> str:
@@ -133,7 +142,18 @@ def _weights_text(analysis: Analysis) -> str:
         found = "All scores are taken to scatter alike in percent." if scale.kind == "logit" else ""
     if np.min(_share_counted(analysis)) < 1.0 - 1e-9:
         found += f" Errors are {analysis.fitted.surface.errors.words}: a run far from the surface counts for less here."
+    found += _inflation_text(analysis)
     return f"{found.lstrip()} " if found else ""
+
+
+def _inflation_text(analysis: Analysis) -> str:
+    inflation = analysis.fit.inflation
+    what = "variances of coefficients and the denominators of their F are"
+    return (
+        f" As the scores choose their weights, {what} {inflation:g} times those of least squares."
+        if inflation > 1.0
+        else ""
+    )
 
 
 def _share_counted(analysis: Analysis) -> FloatArray:
@@ -150,7 +170,7 @@ def _statistics_table(analysis: Analysis) -> Table:
         ("Runs N", whole_cell(fit.n_runs)),
         ("Terms p", whole_cell(fit.n_terms)),
         ("Residual degrees of freedom", whole_cell(fit.df_residual)),
-        ("Residual standard deviation s", _known(with_unit(format_significant(fit.s, 3), unit), fit.s, analysis)),
+        *((title, _known(with_unit(format_significant(s, 3), unit), s, analysis)) for title, s in _scatter(analysis)),
         ("R\u00b2", _known(format_number(fit.r2, 3), fit.r2, analysis)),
         ("R\u00b2 adjusted", _known(format_number(fit.r2_adjusted, 3), fit.r2_adjusted, analysis)),
         (
@@ -163,6 +183,13 @@ def _statistics_table(analysis: Analysis) -> Table:
     if worst is not None:
         pairs.append((f"Largest variance inflation factor, of {worst[0]}", significant_cell(worst[1], 3)))
     return table("Quality of the fit", ("Quantity", right("Value")), pairs)
+
+
+def _scatter(analysis: Analysis) -> list[tuple[str, float]]:
+    s, variance = analysis.fit.s, analysis.fitted.surface.errors.run_variance
+    if variance == 1.0:
+        return [("Residual standard deviation s", s)]
+    return [("Residual scale s", s), ("Standard deviation of a run", math.sqrt(variance) * s)]
 
 
 def _known(text: str, value: float, analysis: Analysis) -> Cell:
@@ -260,7 +287,7 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     tested = [row for row in analysis.importance if math.isfinite(row.f)]
     blocks: list[Block] = [
         Paragraph(
-            "",
+            _inflation_text(analysis).lstrip(),
             method="The importance of a factor is tested by the partial F test of all terms that contain it (RSL TR "
             "380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms left.",
         ),

@@ -160,17 +160,32 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
 
 def shape_section(analysis: Analysis, key: str) -> Section:
     """Return how the intervals were found: the surfaces that were weighed, the shape, the posterior's sampler."""
-    whose = "With the quadratic alone, the" if analysis.fitted.departure.probability > 0.0 else "The"
-    how = (
-        f"{whose} prediction interval of one future run is (RSL TR 380-1, eq. (2-23), with the factor s that its print "
-        "omits; z\u2080 is the full model row)"
-    )
-    blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis), *_choice(analysis)]
+    blocks: list[Block] = [*_prediction(analysis), *_departure(analysis), *_choice(analysis)]
     blocks += _shape(analysis)
     kept = analysis.posterior.sampler.items()
     sampled = "; ".join(f"{_SAMPLER_WORDS.get(name, readable(name))} {_sampler_value(name, x)}" for name, x in kept)
     blocks.append(Paragraph(f"Posterior computation: {sampled}.", "note"))
     return Section(f"{key}-shape", "Intervals and shape of the surface", tuple(blocks))
+
+
+def _prediction(analysis: Analysis) -> list[Block]:
+    """How the interval of a future run follows from the quadratic."""
+    surface, departure = analysis.fitted.surface, analysis.fitted.departure
+    whose = "With the quadratic alone, the" if departure.probability > 0.0 else "The"
+    if not surface.errors.exact:
+        how = f"{whose} intervals are quantiles of posterior draws; a future run adds an error, {surface.errors.words}."
+    elif surface.common_sd:
+        how = (
+            f"{whose} intervals average those of Student's t over how far blocks may differ; a future run adds its "
+            "error and the effect of a new block."
+        )
+    else:
+        how = (
+            f"{whose} prediction interval of one future run is (RSL TR 380-1, eq. (2-23), with the factor s that its "
+            "print omits; z\u2080 is the full model row)"
+        )
+        return [Paragraph("", method=how), PREDICTION_EQUATION]
+    return [Paragraph("", method=how)]
 
 
 def _gap(analysis: Analysis) -> list[Block]:
@@ -228,6 +243,9 @@ def _steps(analysis: Analysis) -> list[Block]:
     return [table(caption, columns, rows)]
 
 
+_ALTERNATIVE = "a Gaussian process about a quadratic of shrunk coefficients"
+
+
 def _departure(analysis: Analysis) -> list[Block]:
     """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
     found = analysis.fitted.departure
@@ -242,19 +260,20 @@ def _departure(analysis: Analysis) -> list[Block]:
     two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
     of_sources = "" if analysis.sources is None else two
     how = (
-        "The alternative is a Gaussian process about the quadratic, with a length scale and an axis warp for each "
-        "factor, averaged over a hundred draws of its hyperparameters: another seed moves the ends of intervals by a "
-        f"few percent of their half-width, by up to a fifth at 20 runs. {of_sources}Its prior probability is "
-        f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
+        f"The alternative is {_ALTERNATIVE}, with a length scale and an axis warp for each factor, averaged over a "
+        "hundred draws of its hyperparameters: another seed moves the ends of intervals by a few percent of their "
+        f"half-width, by up to a fifth at 20 runs. {of_sources}Its prior probability is "
+        f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}; with few runs a term it may be the likelier of a "
+        "surface that is quadratic."
     )
     factor = f"log Bayes factor {format_number(found.log_bayes_factor, 1)}"
     if found.probability == 0.0:
         return [Paragraph(f"The scores favour the quadratic ({factor}). ", method=how)]
-    alone = analysis.region.decode(analysis.of_quadratic.point)[0]
+    alone = rounded_settings(analysis, analysis.region.decode(analysis.of_quadratic.point)[0])
     text = (
-        f"The probability that the surface is not quadratic is {format_share(found.probability)} ({factor}); settings "
-        "and intervals average over both surfaces. Coefficients, analysis of variance, F tests, effects, residuals and "
-        f"curvatures are the quadratic's; its optimum is at {rounded_settings(analysis, alone)}. "
+        f"The alternative to the quadratic, {_ALTERNATIVE}, has a probability of {format_share(found.probability)} "
+        f"({factor}); settings and intervals average over both surfaces. Coefficients, analysis of variance, F tests, "
+        f"effects, residuals and curvatures are the quadratic's; its optimum is at {alone}. "
     )
     return [Paragraph(text, method=how)]
 

@@ -1,0 +1,105 @@
+"""What a report says of errors that are not normal, and of surfaces with few runs a term, against what is computed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from process_cases import bowl, spread
+from scored_campaigns import analysed, campaign, numeric, specification
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.report.blocks import Equation, Table
+from seqrsm.report.sections.model import importance_section, model_section
+from seqrsm.report.sections.optimum import shape_section
+
+POINTS = np.round(spread(40, 2), 3)
+NOISE = np.random.default_rng(9).standard_t(4.0, 40)
+DAYS = [f"day {i}" for i in range(8)] * 5
+SCORES = bowl(POINTS) + NOISE + np.tile(3.0 * np.linspace(-1.5, 1.5, 8), 5)
+
+
+def of(place, rest: str, **more) -> Analysis:
+    made = campaign(place / "c", specification(numeric(2), rest=f"[model]\n{rest}\n"), POINTS, SCORES, **more)
+    return made.analyse_all(n_draws=400, thorough=True)[0]
+
+
+@pytest.fixture(scope="module")
+def student(tmp_path_factory) -> Analysis:
+    days = 'errors = "student_t"\nblock = "day"'
+    return of(tmp_path_factory.mktemp("student"), days, source="flight", block=DAYS)
+
+
+@pytest.fixture(scope="module")
+def normal(tmp_path_factory) -> Analysis:
+    return of(tmp_path_factory.mktemp("normal"), 'block = "day"', source="flight", block=DAYS)
+
+
+def equations(section) -> list[str]:
+    return [block.math for block in section.blocks if isinstance(block, Equation)]
+
+
+def values(section, caption: str) -> dict[str, list]:
+    (found,) = [b for b in section.blocks if isinstance(b, Table) and b.caption.startswith(caption)]
+    return {row[0].text: [cell.value for cell in row[1:]] for row in found.rows}
+
+
+def test_the_equation_of_the_model_has_the_errors_that_were_taken(student, normal, tmp_path):
+    (math,) = equations(model_section(normal, "x"))
+    assert '"N"(0, sigma^2)' in math
+    (math,) = equations(model_section(student, "x"))
+    assert "sigma t_4" in math
+    assert '"N"' not in math
+    weighted = of(tmp_path, 'weights = "se"', se=np.linspace(1.0, 3.0, 40))
+    (math,) = equations(model_section(weighted, "x"))
+    assert '"N"(0, sigma^2 \\/ w)' in math
+
+
+def test_no_equation_is_printed_for_an_interval_that_does_not_follow_it(student, normal, tmp_path):
+    assert len(equations(shape_section(normal, "x"))) == 1
+    random = of(tmp_path, 'block = "day"\nblock_effect = "random"', source="flight", block=DAYS)
+    for one, told in ((student, "Student-t with 4 degrees of freedom"), (random, "effect of a new block")):
+        section = shape_section(one, "x")
+        assert equations(section) == []
+        assert told in str(section.blocks[0])
+
+
+def test_f_and_standard_errors_are_said_to_allow_for_weights_from_the_scores(student, normal):
+    """F of Student-t errors is not the ratio of the mean squares in its table."""
+    for analysis, factor in ((student, 1.4), (normal, 1.0)):
+        section = model_section(analysis, "x")
+        rows = values(section, "Sequential")
+        (_, _, ms, f, _), (*_, ms_residual, _, _) = rows["squares"], rows["residual"]
+        assert f == pytest.approx(ms / ms_residual / factor)
+        root = np.sqrt(analysis.fit.weights)[:, None]
+        unscaled = np.linalg.inv((analysis.fit.Z * root).T @ (analysis.fit.Z * root))
+        assert analysis.fit.se**2 == pytest.approx(factor * analysis.fit.s**2 * np.diag(unscaled))
+        for told in (str(section), str(importance_section(analysis, "x"))):
+            assert ("1.4 times" in told) == (factor > 1.0)
+
+
+def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(student, normal):
+    """With 4 degrees of freedom it is the scale times the root of 2."""
+    rows = values(model_section(student, "x"), "Quality")
+    (scale,), (sd,) = rows["Residual scale s"], rows["Standard deviation of a run"]
+    assert sd == pytest.approx(np.sqrt(2.0) * scale)
+    assert "Residual standard deviation s" not in rows
+    rows = values(model_section(normal, "x"), "Quality")
+    assert rows["Residual standard deviation s"] == [normal.fit.s]
+    assert "Standard deviation of a run" not in rows
+    assert student.blocks.sigma == pytest.approx(np.sqrt(2.0) * student.fit.s, rel=0.1)
+    low, high = student.blocks.ratio
+    assert low < student.blocks.sigma_block / student.blocks.sigma < high
+
+
+def test_an_alternative_that_is_likelier_is_not_said_to_refute_a_quadratic(tmp_path):
+    """Every function of two categories is in the model: an alternative of shrunk coefficients is no other surface."""
+    factors = (
+        '[[factor]]\nname = "p"\nlevels = ["a", "b", "c", "d"]\n[[factor]]\nname = "q"\nlevels = ["e", "f", "g"]\n'
+    )
+    points = np.array([(i, j) for i in range(4) for j in range(3)] * 3, dtype=float)
+    scores = points @ [2.0, 1.0] + np.random.default_rng(1).normal(size=36)
+    found = analysed(tmp_path / "c", specification(factors), points, scores)
+    assert found.fitted.departure.probability > 0.0
+    told = " ".join(map(str, shape_section(found, "x").blocks))
+    assert "not quadratic" not in told
+    assert "a Gaussian process about a quadratic of shrunk coefficients" in told
