@@ -150,7 +150,7 @@ def analyse(
             + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
         ),
         steps=steps_of(fitted, estimate, of_steps, ranked, spec.seed) if thorough and fitted.surface.s > 0.0 else (),
-        sources=fitted.surface.compare(best.point, spec.stop.level),
+        sources=fitted.surface.compare(best.point, spec.stop.level, application.score_unit),
         blocks=block_study(spec, fitted, best.point) if thorough else None,
         gap=largest_gap(region, fitted.data.points) if thorough else None,
         thorough=thorough,
@@ -263,6 +263,8 @@ def _decision(
         lack_of_fit=lack.p if isinstance(lack, LackOfFit) else lack,
         weighed=fitted.departure.process is not None,
         saturated=fitted.region.has_at_most(fitted.model.p),
+        n_confirmation=fitted.data.purposes.count(CONFIRMATION),
+        n_flights=fitted.data.sources.count("flight") if len(set(fitted.data.sources)) > 1 else None,
     )
     return decide(rule, look, agreement, application.score_unit)
 
@@ -303,24 +305,23 @@ def _confirmation(
     predicted = fitted.bands(at, spec.stop.level, scale.weight_at, len(scores))
     values = scale.centred(scores, np.array([n for _, n in counts]) if len(counts) == len(found) else None)
     wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
+    of_mean = Interval(interval.low, interval.high).within(*application.score_limits)
+    own = Interval(float(predicted.confidence.low[0]), float(predicted.confidence.high[0])).also_less(taken_off)
+    low, high = scale.of_runs(own, wide, len(scores))
+    expected, half = Interval(float(low), float(high)).within(*application.score_limits), of_mean.half_width
+    measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
+    text = (
+        f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
+        f"({100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}), "
+        f"{{verdict}} the model's prediction interval for their mean, {known(expected.low, expected.half_width)} to "
+        f"{known(expected.high, expected.half_width)} (p = {{p}})."
+    )
     agreement = confirmation_agrees(
         confirmation_interval(values, spec.stop.level),
         predicted=0.5 * (wide.low + wide.high),
         half_width=wide.half_width,
         df=surface.df_residual,
-        unit=application.score_unit,
-    )
-    of_mean = Interval(interval.low, interval.high).within(*application.score_limits)
-    own = Interval(float(predicted.confidence.low[0]), float(predicted.confidence.high[0])).also_less(taken_off)
-    low, high = scale.of_runs(own, wide, len(scores))
-    expected = Interval(float(low), float(high)).within(*application.score_limits)
-    verdict, half = "in line with" if agreement.agrees else "contradicting", of_mean.half_width
-    measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
-    text = (
-        f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
-        f"({100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}), "
-        f"{verdict} the model's prediction interval for their mean, {known(expected.low, expected.half_width)} to "
-        f"{known(expected.high, expected.half_width)} (p = {agreement.p:.2g})."
+        text=text,
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),
@@ -328,7 +329,7 @@ def _confirmation(
         mean=interval.mean,
         interval=of_mean,
         agrees=agreement.agrees,
-        text=text,
+        text=agreement.text,
     )
     return confirmation, agreement
 
@@ -382,7 +383,7 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]
-    if best.flat:
+    if best.flat and not _all_equal(fitted):
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")

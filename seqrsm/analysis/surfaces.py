@@ -35,6 +35,7 @@ from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.process import Blocks, Sources
+from seqrsm.plain import counted
 from seqrsm.spec.read import CampaignSpec
 
 _TOO_FAR = 2.0
@@ -151,9 +152,9 @@ class Surface:
         """What a process beside it knows of sources and blocks."""
         return None, _of_fixed(self.fit.Z[:, self.estimate.size :])
 
-    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
-        """Simulation against flight at a coded point (k,); None where there is one source."""
-        del point, level
+    def compare(self, point: FloatArray, level: float, unit: str) -> SourceComparison | None:
+        """Simulation against flight at a coded point (k,), in the score's unit; None where there is one source."""
+        del point, level, unit
         return None
 
     def sd_of_run(self, weight: float) -> float:
@@ -298,7 +299,7 @@ class TwoSources(Surface):
         sources = Sources(both.runs.flights, difference, both.flight_weight, both.runs.ratio)
         return sources, _of_fixed(both.runs.Z[:, 2 * self.model.p :])
 
-    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
+    def compare(self, point: FloatArray, level: float, unit: str) -> SourceComparison | None:
         """On a transformed scale the difference is taken in scores."""
         found, row = self.both, self.rows(point[None, :])
         simulated = float((row @ found.simulation)[0])
@@ -311,10 +312,11 @@ class TwoSources(Surface):
         difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
         source = "the prior" if found.prior_driven else "the flights"
         text = (
-            "Model discrepancy at the recommended settings: flights score "
-            f"{difference:+.3g} relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to "
-            f"{interval.high:.3g}). After {found.n_flights} flights this rests mainly on {source} "
-            f"({100 * found.prior_share:.0f} % of the prior variance remains). All intervals are for flights."
+            f"Model discrepancy at the recommended settings: flights score {f'{difference:+.3g} {unit}'.rstrip()} "
+            f"relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}). "
+            f"Over the region it rests mainly on {source} after "
+            f"{counted(found.n_flights, 'flight')} ({100 * found.prior_share:.0f} % of the prior variance of its terms "
+            "remains). All intervals are for flights."
         )
         return SourceComparison(found, difference, interval, text)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtr
 
-from seqrsm.fit.intervals import known, t_quantile
+from seqrsm.fit.intervals import t_quantile
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
 
 
 def confirmation_agrees(
-    confirmation: ConfirmationInterval, *, predicted: float, half_width: float, df: float, unit: str = ""
+    confirmation: ConfirmationInterval, *, predicted: float, half_width: float, df: float, text: str = ""
 ) -> Agreement:
     """Test fresh runs against the model's prediction for their mean.
 
@@ -113,18 +113,12 @@ def confirmation_agrees(
         Of the prediction interval for that mean, at the level of the fresh runs' own interval.
     df : float
         Degrees of freedom that it was made with.
-    unit : str
-        Unit of the score, for the sentence.
+    text : str
+        What was measured and predicted, in score units, with a place for the verdict and one for its p.
     """
     se = half_width / float(t_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted
     t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
     p = float(2.0 * stdtr(df, -abs(t)))
     agrees = bool(abs(difference) <= half_width)
-    suffix = f" {unit}" if unit else ""
-    text = (
-        f"The mean of {confirmation.n} confirmation runs is {known(confirmation.mean, confirmation.half_width)} ± "
-        f"{confirmation.half_width:.3g}{suffix}; the model predicts {known(predicted, half_width)} ± "
-        f"{half_width:.3g}{suffix}: they {'agree' if agrees else 'disagree'} (p = {p:.2g})."
-    )
-    return Agreement(agrees, p, text)
+    return Agreement(agrees, p, text.format(verdict="in line with" if agrees else "contradicting", p=f"{p:.2g}"))

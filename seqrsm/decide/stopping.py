@@ -318,6 +318,10 @@ class Look:
         error is asked about.
     saturated : bool
         The model has a term for every setting of the region: there is no lack of fit to test.
+    n_confirmation : int
+        Confirmation runs among the runs, which are beyond the budget.
+    n_flights : int or None
+        Flights among the runs where simulations are others: more simulations do not tell how flights differ.
     """
 
     n_runs: int
@@ -335,21 +339,24 @@ class Look:
     lead: float = float("inf")
     weighed: bool = False
     saturated: bool = False
+    n_confirmation: int = 0
+    n_flights: int | None = None
 
 
 def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: str) -> tuple[str, ...]:
     """Why going on may be useless, in sentences; ``width`` is the half-width now, ``unit`` that of the score."""
-    found = []
+    found, budget = [], rule.max_runs + look.n_confirmation
     if rule.half_width < ahead.noise_floor:
         found.append(
-            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor: no number of runs brings the "
+            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor: by the scatter so far "
+            f"({counted(look.df_residual, 'degree of freedom', 'degrees of freedom')}) no number of runs brings the "
             f"{rule.interval_name} below ± {amount(ahead.noise_floor, unit)}."
         )
         if rule.interval == "prediction":
             mean = amount(ahead.attainable_mean_half_width, unit)
             found.append(f"The mean of {rule.replicates} future runs could be predicted to ± {mean}.")
     elif (
-        (ahead.runs_needed is None or ahead.runs_needed > rule.max_runs)
+        (ahead.runs_needed is None or ahead.runs_needed > budget)
         and np.isfinite(ahead.attainable_half_width)
         and not width <= rule.half_width
     ):
@@ -358,8 +365,9 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
             f"The budget of {rule.max_runs} runs is too small for the target: {need} runs are needed; "
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
-    if (needed := _runs_for_loss(rule, look)) > rule.max_runs:
-        lost = f"an expected loss of {amount(rule.loss, unit)}: about {needed} runs are needed"
+    if (needed := _runs_for_loss(rule, look)) > budget:
+        which = f"{needed} runs" if look.n_flights is None else f"{needed - look.n_runs} further flights"
+        lost = f"an expected loss of {amount(rule.loss, unit)}: about {which} are needed"
         found.append(f"The budget of {rule.max_runs} runs is too small for {lost}.")
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
     if look.model_p == 1.0:
@@ -371,7 +379,10 @@ def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: st
 
 def _runs_for_loss(rule: StopRule, look: Look) -> int:
     """Runs until the loss is allowed, if it falls as the variance of the place does; 0 where it is allowed already."""
-    return int(np.ceil(look.n_runs * look.loss / rule.loss)) if look.loss > rule.loss else 0
+    if not look.loss > rule.loss:
+        return 0
+    tell = look.n_runs if look.n_flights is None else look.n_flights
+    return look.n_runs - tell + int(np.ceil(tell * look.loss / rule.loss))
 
 
 def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, unit: str = "") -> Decision:
@@ -380,7 +391,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     ``confirmation``: test of fresh runs at the recommended settings; ``unit``: of the score, for the sentences.
     """
     n_runs, n_terms = look.n_runs, look.n_terms
-    width, s, h = look.half_width, look.s, look.h
+    width, s, h, budget = look.half_width, look.s, look.h, rule.max_runs + look.n_confirmation
     if np.isfinite(width):
         of_runs = 1.0 / rule.replicates_of()
         h = max((width / float(rule.width(s, look.df_residual, 1.0 - of_runs))) ** 2 - of_runs, 0.0)
@@ -398,7 +409,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
             why = f"{_RUNS_PER_TERM} per term"
         elif needed > n_terms + _MIN_DF:
             why = f"{_RUNS_PER_TERM} for each of the {rule.acting_terms} terms in factors that matter"
-        more = f", more than the budget of {rule.max_runs} runs" if needed > rule.max_runs else ""
+        more = f", more than the budget of {rule.max_runs} runs" if needed > budget else ""
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why}){more}."
         checks.append(Check("runs", n_runs >= needed, text))
     if look.guess is not None:
@@ -420,7 +431,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     useless = futility(rule, look, ahead, width, unit)
     if ahead.runs_needed is not None:
         ahead = replace(ahead, runs_needed=max(ahead.runs_needed, _runs_for_loss(rule, look)))
-    budget_spent = n_runs >= rule.max_runs
+    budget_spent = n_runs >= budget
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
         reasons = [f"The stop rule is met after {n_runs} runs.", *(check.text for check in checks)]

@@ -35,7 +35,7 @@ def look(rule: StopRule = RULE, **changes: Any) -> Decision:
 def agreement(fresh: ConfirmationInterval, predicted: float, *, s: float, df: int, h: float) -> Agreement:
     """Against Student's prediction interval of the mean of as many runs."""
     half = float(stats.t.ppf(0.5 * (1.0 + fresh.level), df)) * s * np.sqrt(1.0 / fresh.n + h)
-    return confirmation_agrees(fresh, predicted=predicted, half_width=half, df=df)
+    return confirmation_agrees(fresh, predicted=predicted, half_width=half, df=df, text="fresh runs {verdict}, {p}")
 
 
 def holds(decision: Decision) -> dict[str, bool | None]:
@@ -184,13 +184,16 @@ def test_a_target_below_the_noise_floor_is_told_with_what_the_mean_of_runs_would
     """Where the interval is of that mean already there is no such way out, and more runs do narrow it to the floor."""
     floor = f"± {stats.norm.ppf(0.975) * 2.0:.3g} percent."
     told = look(replace(RULE, half_width=3.0), unit="percent").futility
-    head = "The target of ± 3 percent is below the noise floor: no number of runs brings the prediction interval of"
+    head = (
+        "The target of ± 3 percent is below the noise floor: by the scatter so far (35 degrees of freedom) no number "
+        "of runs brings the prediction interval of"
+    )
     assert told[0] == f"{head} one future run below {floor}"
     assert told[1].startswith("The mean of 5 future runs could be predicted to ± ")
     ground = replace(RULE, interval="prediction_mean", half_width=0.5, ground_share=0.5, counts_ground=True)
     floor = f"± {stats.norm.ppf(0.975) * 2.0 * np.sqrt(0.5 + 0.5 / 5):.3g} percent."
     assert look(ground, unit="percent").futility == (
-        f"{head.replace('3', '0.5')} the mean of 5 future runs below {floor}",
+        f"{head.replace('3 percent', '0.5 percent')} the mean of 5 future runs below {floor}",
     )
 
 
@@ -303,7 +306,7 @@ def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
         assert near.p == pytest.approx(2.0 * stats.t.sf(0.4 / se, 12))
     # Runs that all scored the same foretell exactly that.
     assert [agreement(fresh, fresh.mean + off, s=0.0, df=12, h=0.3).p for off in (0.0, 0.1)] == [1.0, 0.0]
-    assert "disagree" in outside.text
+    assert "contradicting" in outside.text
 
 
 def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:

@@ -305,6 +305,7 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
     axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
     axes.set_ylim(-0.6, len(intervals) - 0.3)
     axes.margins(x=0.2)
+    axes.locator_params(axis="x", nbins=3)  # small scores have long labels
     axes.set_xlabel(score_label(analysis))
     axes.grid(visible=True, axis="x")
 

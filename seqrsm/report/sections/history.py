@@ -34,7 +34,8 @@ def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis:
         return None
     every = Details(f"Interim analyses ({len(looks)})", (_look_table(analysis, looks),), long=True)
     figure = _history_figure(analysis, looks, spec.stop_of(analysis.application).half_width)
-    return Section(f"{key}-history", "Progress of interval and optimum", (figure, every))
+    blocks = (figure, every) if len(looks) > 1 else (every,)  # one point has neither progress nor a band
+    return Section(f"{key}-history", "Progress of interval and optimum", blocks)
 
 
 def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:

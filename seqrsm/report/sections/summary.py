@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from seqrsm.analysis.compromise import CompromiseEstimate
-from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.results import Analysis, BlockResponse
 from seqrsm.campaign.ingest import ranking_messages
 from seqrsm.campaign.status import costs
 from seqrsm.decide.stopping import BUDGET_SPENT
@@ -55,7 +57,7 @@ from seqrsm.report.wording import (
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.sensors import without_effect
-from seqrsm.store.records import RankingSummary, RunRecord
+from seqrsm.store.records import CONFIRMATION, RankingSummary, RunRecord
 
 _TIES = 3
 """Tied optima that are named."""
@@ -142,7 +144,8 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
         best = "highest" if analysis.goal == "maximize" else "lowest"
         utility = spec.application(analysis.application).utility
         what = "interpreters' rankings" if utility == "rank" else utility if ":" in utility else readable(utility)
-        aims.append(f"the {best} score ({what}) for {analysis.application}")
+        score = f"{best} measured score" if utility == "measured" else f"{best} score ({what})"
+        aims.append(f"the {score} for {analysis.application}")
     considered = [readable(one.name) for one in spec.considerations] if len(analyses) == len(spec.applications) else []
     weighed = f", weighed against {listing(considered)}" if considered else ""
     return f"Question: which {factors} give{'s' if len(spec.factors) == 1 else ''} {listing(aims)}{weighed}?"
@@ -164,6 +167,8 @@ def recommendation(analysis: Analysis) -> str:
     told = told_settings(analysis.region, analysis.optimum.settings, setting_spreads(analysis))
     settings = listing(setting_phrases(analysis.region, told))
     what = f"the settings with the {best} estimated mean score in the region"
+    if np.ptp(analysis.data.scores) == 0.0:
+        return f"For {analysis.application} every setting is equally good so far, such as {settings}."
     if _is_a_guess(analysis):
         return (
             f"No setting is shown to do better than {'the existing map' if analysis.known_map else 'guessing'} for "
@@ -179,16 +184,33 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     best, terms = analysis.optimum, analysis.fitted.surface.n_terms
     mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
     watched = watched_interval(stop, best.ground is not None and stop.worlds == "count")
+    confirming = analysis.data.purposes.count(CONFIRMATION)
+    extra = f" and {counted(confirming, 'confirmation run')}" if confirming else ""
     figures = (
         ("Mean score", score_text(analysis, best.mean), missing or f"{level} confidence interval {mean}"),
-        ("One future run", "none" if missing else ends, missing or f"{level} prediction interval"),
+        (
+            "One future run",
+            "none" if missing else ends,
+            missing or f"{level} prediction interval{_new_block(analysis)}",
+        ),
         *_ends(analysis),
         ("Stop-rule half-width", _deciding(analysis, stop.half_width), f"target {target}; {watched}"),
         ("Most important factor", *_most_important(analysis)),
-        ("Runs in the fit", str(analysis.fit.n_runs), f"{terms} terms; budget {stop.max_runs}"),
+        ("Runs in the fit", str(analysis.fit.n_runs), f"{terms} terms; budget {stop.max_runs}{extra}"),
         ("Decision", *_decision_words(analysis)),
     )
     return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
+
+
+def _new_block(analysis: Analysis) -> str:
+    """What a run in a new block may score, where blocks are constants and the intervals those of the average one."""
+    if (
+        analysis.blocks is None
+        or analysis.blocks.effect != "fixed"
+        or not isinstance(analysis.blocks.new, BlockResponse)
+    ):
+        return ""
+    return f" in the average block; in a new block {interval_text(analysis, analysis.blocks.new.prediction)}"
 
 
 def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
@@ -319,6 +341,7 @@ def _reasons(analysis: Analysis) -> Iterator[str]:
     if decision.held or decision.wants_confirmation:
         return
     told = {check.text for check in decision.checks if check.name in ("interval", "loss") and check.holds is False}
+    told |= {analysis.confirmation.text} if analysis.confirmation else set()  # stands in the basis
     for text in decision.reasons:
         if text not in told and not text.endswith(BUDGET_SPENT) and not (_flat(analysis) and text.startswith(FLAT)):
             yield text

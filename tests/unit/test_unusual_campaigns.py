@@ -1,0 +1,161 @@
+"""What is told of campaigns out of the ordinary: no text contradicts the numbers beside it or what is known."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from process_cases import bowl, spread
+from scored_campaigns import campaign, numeric, specification
+
+from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
+from seqrsm.campaign.rehearsal import scored_run
+from seqrsm.report.blocks import Bullets, Details, FigureBlock, KeyFigures, Paragraph
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.optimum import paint_intervals
+from seqrsm.report.rounding import format_range
+from seqrsm.report.sections.history import history_section
+from seqrsm.report.sections.summary import summary_section
+from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
+
+POINTS = np.round(spread(24, 2), 3)
+NOISE = np.random.default_rng(9).normal(size=24)
+LOGIT = '[model]\nresponse = "logit"\n'
+
+
+def confirmed(place, scores, fresh, *, rest: str = "", stop: str = "", then: int = 0) -> Analysis:
+    """With fresh runs at the centre, and after them ``then`` runs of the first settings and scores again."""
+    text = specification(numeric(2), application='unit = "percent"\n', rest=rest).replace("max_runs = 400", stop)
+    made = campaign(place / "c", text, POINTS[:0], ())
+    why = confirmation_reason("score")
+    settings = [*made.spec.region.decode(POINTS), *[{"x0": 0.0, "x1": 0.0}] * len(fresh)]
+    settings += settings[:then]
+    purposes = ["start"] * 24 + [CONFIRMATION] * len(fresh) + ["spread"] * then
+    values, batches = [*scores, *fresh, *scores[:then]], [1] * 24 + [2] * len(fresh) + [3] * then
+    runs = [
+        scored_run(i + 1, batches[i], NewRun(dict(settings[i]), purposes[i], why), NewScore("score", float(values[i])))
+        for i in range(len(values))
+    ]
+    return analyse(made.spec, made.spec.applications[0], runs, n_draws=400)
+
+
+def summary(analysis: Analysis, spec) -> tuple[str, dict[str, tuple[str, str]], tuple[str, ...]]:
+    """Text, key figures and next steps."""
+    section = summary_section(spec, [analysis], None, ())
+    (figures,) = [block for block in section.blocks if isinstance(block, KeyFigures)]
+    (steps,) = [block for block in section.sections[0].blocks if isinstance(block, Bullets)]
+    text = " ".join(block.text for block in section.blocks if isinstance(block, Paragraph))
+    return text, {one.label: (one.value, one.detail) for one in figures.items}, steps.items
+
+
+def test_confirmation_runs_are_told_in_score_units_whatever_the_scale_of_the_fit(tmp_path):
+    """On the logit scale a mean of 1.39 percent was told, of runs that scored 80 percent."""
+    scores = 100.0 / (1.0 + np.exp(-(0.5 - np.sum(np.square(POINTS), axis=1) + 0.1 * NOISE)))
+    analysis = confirmed(tmp_path, scores, (79.0, 80.0, 81.0), rest=LOGIT)
+    assert analysis.contradicted
+    (told,) = [text for text in analysis.decision.reasons if "confirmation" in text]
+    assert told == analysis.confirmation.text
+    assert "averaged 80.0" in told
+    assert "contradicting the model's prediction interval for their mean" in told
+
+
+def test_confirmation_runs_in_the_fit_do_not_spend_the_budget(tmp_path):
+    """`run` went on, as they are beyond the budget, while `status` and the report said that it was spent."""
+    scores = bowl(POINTS) + NOISE
+    stop = "half_width = 0.1\nmax_runs = 28"
+    text = specification(numeric(2)).replace("half_width = 5.0\nmax_runs = 400", stop)
+    spec = campaign(tmp_path / "spec", text, POINTS[:0], ()).spec
+    for then, spent in ((3, False), (4, True)):
+        given = {"stop": "max_runs = 28\nlevel = 0.999"}
+        analysis = confirmed(tmp_path / f"{then}", scores, (60.0, 61.0, 62.0), then=then, **given)
+        assert analysis.fit.n_runs == 27 + then
+        assert analysis.decision.budget_spent == spent
+        assert summary(analysis, spec)[1]["Runs in the fit"][1].endswith("budget 28 and 3 confirmation runs")
+
+
+def test_a_single_surface_without_scatter_recommends_nothing(tmp_path):
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, np.full(24, 50.0))
+    (analysis,) = made.analyse_all(n_draws=400)
+    text = summary(analysis, made.spec)[0]
+    assert "highest estimated mean" not in text
+    assert "ridge" not in " ".join(analysis.warnings)
+    assert "every setting is equally good" in text
+
+
+def test_a_noise_floor_is_told_as_an_estimate(tmp_path):
+    """Six degrees of freedom had told that no number of runs reaches ± 4 percent; twelve runs later it was ± 3.4."""
+    text = specification(numeric(2)).replace("half_width = 5.0", "half_width = 1.0")
+    made = campaign(tmp_path / "c", text, POINTS[:12], (bowl(POINTS) + NOISE)[:12])
+    (analysis,) = made.analyse_all(n_draws=400)
+    (told,) = [text for text in analysis.decision.futility if "noise floor" in text]
+    assert "by the scatter so far (6 degrees of freedom) no number of runs" in told
+
+
+def test_flights_beside_simulations_are_what_reduces_the_loss(tmp_path):
+    """65 simulations and 3 flights were told to need 404 runs in all for a sixth of the loss, and 236 after 3 more."""
+    n, sources = 24, ["simulation"] * 20 + ["flight"] * 4
+    text = specification(numeric(2), application='unit = "percent"\n').replace("[stop]", "[stop]\nloss = 0.001")
+    scores = bowl(POINTS) + NOISE - np.repeat([0.0, 15.0], [20, 4])
+    (analysis,) = campaign(tmp_path / "c", text, POINTS, scores, source=sources).analyse_all(n_draws=400)
+    times = analysis.posterior.expected_regret / 0.001
+    assert times > 1.0
+    needed = int(np.ceil(4 * (times - 1.0)))
+    assert any(f"about {needed} further flights are needed" in text for text in analysis.decision.reasons)
+    assert analysis.decision.runs_needed is None or analysis.decision.runs_needed >= n + needed
+    told = analysis.sources.text
+    assert "percent relative to simulations (95 % credible interval" in told
+    assert "Over the region it rests mainly on the prior after 4 flights" in told
+
+
+@pytest.mark.parametrize(("effect", "told"), [("fixed", True), ("random", False)])
+def test_a_run_on_a_new_day_is_told_beside_one_on_the_average_day(tmp_path, effect: str, told: bool):
+    """All future flights are on new days: with constants for days the first page told of none of them."""
+    days = [f"day {i}" for i in range(6)] * 4
+    rest = f'[model]\nblock = "day"\nblock_effect = "{effect}"\n'
+    scores = bowl(POINTS) + NOISE + np.tile(4.0 * np.linspace(-1.5, 1.5, 6), 4)
+    made = campaign(tmp_path / "c", specification(numeric(2), rest=rest), POINTS, scores, source="flight", block=days)
+    (analysis,) = made.analyse_all(n_draws=400, thorough=True)
+    detail = summary(analysis, made.spec)[1]["One future run"][1]
+    assert ("in the average block" in detail) == told
+    if told:
+        new = analysis.blocks.new.prediction
+        assert new.half_width > 1.5 * analysis.optimum.prediction.half_width
+        assert f"in a new block {format_range(new.low, new.high, 1)}" in detail
+
+
+def test_small_scores_do_not_run_into_each_other_along_the_axis_of_intervals(tmp_path):
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS) + NOISE)
+    (analysis,) = made.analyse_all(n_draws=400)
+    names = ("Mean score", "One future run", "Mean of 5 future runs")
+    ends = ((0.0391, 0.0442), (0.0378, 0.0452), (0.0388, 0.0444))
+    found = [(name, Interval(*one)) for name, one in zip(names, ends, strict=True)]
+    small = replace(analysis, optimum=replace(analysis.optimum, mean=0.0418))
+    boxes = []
+
+    def paint(axes):
+        paint_intervals(small, found, made.spec.stop, axes)
+        axes.figure.draw_without_rendering()
+        labels = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+        low, high = axes.get_xlim()
+        boxes.extend(label.get_window_extent() for at, label in labels if low <= at <= high)
+
+    drawing.draw(paint, height_in=2.0)
+    assert len(boxes) >= 2
+    assert all(left.x1 + 4.0 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_one_interim_analysis_is_a_row_and_no_figure(tmp_path):
+    """A single point has no band and no progress, which the caption told of."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS) + NOISE)
+    analyses = made.analyse_all(n_draws=400)
+    made.record_looks(analyses)
+    records = made.store.looks()
+    one = history_section(made.spec, records, analyses[0], "x")
+    assert [type(block) for block in one.blocks] == [Details]
+    two = history_section(made.spec, [*records, replace(records[0], look=2, after_run=30)], analyses[0], "x")
+    assert [type(block) for block in two.blocks] == [FigureBlock, Details]
