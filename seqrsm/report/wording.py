@@ -93,6 +93,11 @@ def fitted_unit(analysis: Analysis) -> str:
     return "logit" if analysis.scale.kind == "logit" else analysis.score_unit
 
 
+def is_weighted(analysis: Analysis) -> bool:
+    """Whether runs have weights of their own, before what their errors make of them."""
+    return bool(np.ptp(analysis.scale.weights) > 0.0)
+
+
 def with_unit(text: str, unit: str) -> str:
     """Append a unit, if there is one, on the same line."""
     return f"{text}\u00a0{unit}" if unit and text != NOTHING else text

@@ -8,7 +8,7 @@ from process_cases import bowl, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.report.blocks import Equation, Table
+from seqrsm.report.blocks import Details, Equation, Table
 from seqrsm.report.sections.model import importance_section, model_section
 from seqrsm.report.sections.optimum import shape_section
 
@@ -75,6 +75,8 @@ def test_f_and_standard_errors_are_said_to_allow_for_weights_from_the_scores(stu
         assert analysis.fit.se**2 == pytest.approx(factor * analysis.fit.s**2 * np.diag(unscaled))
         for told in (str(section), str(importance_section(analysis, "x"))):
             assert ("1.4 times" in told) == (factor > 1.0)
+        first = importance_section(analysis, "x").blocks[0]
+        assert first.text == "" or first.text.endswith(". ")  # what follows is the method
 
 
 def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(student, normal):
@@ -103,3 +105,14 @@ def test_an_alternative_that_is_likelier_is_not_said_to_refute_a_quadratic(tmp_p
     told = " ".join(map(str, shape_section(found, "x").blocks))
     assert "not quadratic" not in told
     assert "a Gaussian process about a quadratic of shrunk coefficients" in told
+
+
+def test_curvatures_and_intervals_of_weighted_logits_have_their_unit_and_weight(tmp_path):
+    text = specification(numeric(2), rest='[model]\nresponse = "logit"\n').replace('"measured"', '"percent_correct"')
+    scores = 100.0 / (1.0 + np.exp(-(2.0 - np.sum(np.square(POINTS), axis=1) + 0.2 * NOISE)))
+    (found,) = campaign(tmp_path / "c", text, POINTS, scores).analyse_all(n_draws=400)
+    section = shape_section(found, "x")
+    (canonical,) = [b.blocks[0] for b in section.blocks if isinstance(b, Details)]
+    assert canonical.columns[0].unit == "logit"
+    (math,) = equations(section)
+    assert "sqrt(1 \\/ w_0 + z_0^top (Z^top W Z)^(-1) z_0)" in math

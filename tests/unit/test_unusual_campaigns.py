@@ -159,3 +159,39 @@ def test_one_interim_analysis_is_a_row_and_no_figure(tmp_path):
     assert [type(block) for block in one.blocks] == [Details]
     two = history_section(made.spec, [*records, replace(records[0], look=2, after_run=30)], analyses[0], "x")
     assert [type(block) for block in two.blocks] == [FigureBlock, Details]
+
+
+def test_the_caption_of_the_interim_analyses_tells_what_is_drawn(tmp_path):
+    """Without scatter there is neither a half-width nor a band, and the mean has no noise floor."""
+    told = {
+        "target of the stop rule": (True, True, False),
+        "noise floor": (True, False, False),
+        "Band": (True, True, False),
+    }
+    cases = (
+        (bowl(POINTS) + NOISE, "prediction"),
+        (bowl(POINTS) + NOISE, "confidence"),
+        (np.full(24, 50.0), "prediction"),
+    )
+    for place, (scores, interval) in enumerate(cases):
+        text = specification(numeric(2)).replace("[stop]", f'[stop]\ninterval = "{interval}"')
+        made = campaign(tmp_path / f"{place}", text, POINTS, scores)
+        analyses = made.analyse_all(n_draws=400)
+        made.record_looks(analyses)
+        (record,) = made.store.looks()
+        section = history_section(made.spec, [record, replace(record, look=2, after_run=30)], analyses[0], "x")
+        for words, found in told.items():
+            assert (words in section.blocks[0].caption) == found[place], (words, place)
+
+
+def test_no_axis_has_an_offset():
+    """A "+5e1" stood beside a colour scale of scores that are all 50."""
+    texts = []
+
+    def paint(axes):
+        axes.plot([0.0, 1.0], [50.0, 50.00001])
+        axes.figure.draw_without_rendering()
+        texts.append(axes.yaxis.get_offset_text().get_text())
+
+    drawing.draw(paint)
+    assert texts == [""]

@@ -55,10 +55,11 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
         alt = f"Mean score at the optimum of each interim analysis, last {score_text(analysis, looks[-1].mean)}."
         paint = partial(paint_mean_history, analysis, looks)
         panels.append(drawing.panel("Mean score at the optimum", alt, paint, "history of mean score", data))
-    caption = (
-        "Results of each interim analysis. Dashed green: target of the stop rule; dotted grey: noise floor, which more "
-        "runs cannot lower. Band: confidence interval of the mean."
-    )
+    lines = "Dashed green: target of the stop rule" if known else ""
+    if known and analysis.decision.noise_floor > 0.0:
+        lines += "; dotted grey: noise floor, which more runs cannot lower"
+    band = "Band: confidence interval of the mean" if any(math.isfinite(look.confidence[0]) for look in looks) else ""
+    caption = " ".join(f"{text}." for text in ("Results of each interim analysis", lines, band) if text)
     return FigureBlock(lambda: tuple(panels), caption, columns=3)
 
 

@@ -48,6 +48,7 @@ from seqrsm.report.wording import (
     decimal_cell,
     fitted_unit,
     interval_text,
+    is_weighted,
     level_phrase,
     listing,
     no_error_estimate,
@@ -102,15 +103,10 @@ def model_section(analysis: Analysis, key: str) -> Section:
 
 
 def _model_equation(analysis: Analysis) -> Equation:
-    terms, law = _TERMS[analysis.model.order], analysis.fitted.surface.errors.law(_weighted(analysis))
+    terms, law = _TERMS[analysis.model.order], analysis.fitted.surface.errors.law(is_weighted(analysis))
     return Equation(
         f"y = {terms[0]} + epsilon, quad epsilon tilde {law[0]}", f"y equals {terms[1]} plus epsilon, which is {law[1]}"
     )
-
-
-def _weighted(analysis: Analysis) -> bool:
-    """Whether runs have weights of their own, before what their errors make of them."""
-    return bool(np.ptp(analysis.scale.weights) > 0.0)
 
 
 def _model_text(analysis: Analysis) -> str:
@@ -123,7 +119,7 @@ def _model_text(analysis: Analysis) -> str:
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
     if analysis.scale.kind == "logit":
         text += " The model is fitted to the logit of the score; coefficients and sums of squares are on that scale."
-    return f"{text} w is the weight of a run." if _weighted(analysis) else text
+    return f"{text} w is the weight of a run." if is_weighted(analysis) else text
 
 
 def _weights_text(analysis: Analysis) -> str:
@@ -287,7 +283,7 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     tested = [row for row in analysis.importance if math.isfinite(row.f)]
     blocks: list[Block] = [
         Paragraph(
-            _inflation_text(analysis).lstrip(),
+            f"{_inflation_text(analysis)} ".lstrip(),
             method="The importance of a factor is tested by the partial F test of all terms that contain it (RSL TR "
             "380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms left.",
         ),

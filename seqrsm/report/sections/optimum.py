@@ -64,9 +64,11 @@ from seqrsm.report.rounding import (
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
+    fitted_unit,
     format_setting,
     half_width_text,
     interval_text,
+    is_weighted,
     level_phrase,
     listing,
     no_error_estimate,
@@ -86,11 +88,14 @@ from seqrsm.spec.tables import StopSpec
 _WATCHED = {"prediction": "One future run", "prediction_mean": "Mean of future runs"}
 _FAR = 5.0  # coded: a stationary point beyond it, or with such an error, has no settings worth a number
 
-PREDICTION_EQUATION = Equation(
-    "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
-    "y hat at x zero plus or minus t with N minus p degrees of freedom at alpha over two, times s, times the square "
-    "root of one plus z zero transposed times the inverse of Z transposed Z times z zero",
-)
+
+def _prediction_equation(weighted: bool) -> Equation:
+    own, weights, words = ("1 \\/ w_0", "W ", "one over w zero") if weighted else ("1", "", "one")
+    return Equation(
+        f"hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt({own} + z_0^top (Z^top {weights}Z)^(-1) z_0)",
+        "y hat at x zero plus or minus t with N minus p degrees of freedom at alpha over two, times s, times the "
+        f"square root of {words} plus z zero transposed times the inverse of Z transposed {weights}Z times z zero",
+    )
 
 
 def intervals_at(analysis: Analysis, stop: StopSpec) -> list[tuple[str, Interval]]:
@@ -172,6 +177,8 @@ def _prediction(analysis: Analysis) -> list[Block]:
     """How the interval of a future run follows from the quadratic."""
     surface, departure = analysis.fitted.surface, analysis.fitted.departure
     whose = "With the quadratic alone, the" if departure.probability > 0.0 else "The"
+    weighted = is_weighted(analysis)
+    weights = ", W holds the weights of the runs and w\u2080 is that of the future run" if weighted else ""
     if not surface.errors.exact:
         how = f"{whose} intervals are quantiles of posterior draws; a future run adds an error, {surface.errors.words}."
     elif surface.common_sd:
@@ -182,9 +189,9 @@ def _prediction(analysis: Analysis) -> list[Block]:
     else:
         how = (
             f"{whose} prediction interval of one future run is (RSL TR 380-1, eq. (2-23), with the factor s that its "
-            "print omits; z\u2080 is the full model row)"
+            f"print omits; z\u2080 is the full model row{weights})"
         )
-        return [Paragraph("", method=how), PREDICTION_EQUATION]
+        return [Paragraph("", method=how), _prediction_equation(weighted)]
     return [Paragraph("", method=how)]
 
 
@@ -327,8 +334,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
         for value, direction in zip(stationary.eigenvalues.tolist(), stationary.eigenvectors.T.tolist(), strict=True)
     )
-    unit = analysis.score_unit if analysis.scale.kind == "identity" else ""
-    columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
+    columns = (right("Curvature", fitted_unit(analysis)), *(right(_name(analysis, index)) for index in numeric))
     caption = "Principal curvatures of the quadratic and their directions, coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
 
