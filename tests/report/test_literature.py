@@ -25,6 +25,7 @@ from seqrsm.report.sections.literature import (
         ("ground-cover", "", "land use"),
         ("utility", "How well is soil moisture seen?", "soil moisture"),
         ("best", "radar of the site", None),
+        ("mapping", "Hardly any runs, but greater use of this frequency over more applications than one", None),
         ("cover", "Radar für Straße & Feld, e.g. <b>", None),
     ],
 )

@@ -20,7 +20,7 @@ from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import paint_intervals
 from seqrsm.report.rounding import format_range
 from seqrsm.report.sections.history import history_section
-from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.sections.summary import _settings_table, summary_section
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -182,6 +182,14 @@ def test_the_caption_of_the_interim_analyses_tells_what_is_drawn(tmp_path):
         section = history_section(made.spec, [record, replace(record, look=2, after_run=30)], analyses[0], "x")
         for words, found in told.items():
             assert (words in section.blocks[0].caption) == found[place], (words, place)
+
+
+def test_no_column_is_empty_where_no_factor_has_bounds(tmp_path):
+    factors = '[[factor]]\nname = "p"\nlevels = ["a", "b", "c"]\n'
+    points = np.array([[i] for i in range(3)] * 5, dtype=float)
+    scores = points[:, 0] + np.random.default_rng(1).normal(size=15)
+    (analysis,) = campaign(tmp_path / "c", specification(factors), points, scores).analyse_all(n_draws=400)
+    assert [column.title for column in _settings_table(analysis).columns][0::3] == ["Factor"]
 
 
 def test_no_axis_has_an_offset():

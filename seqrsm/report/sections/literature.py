@@ -47,10 +47,11 @@ SAME_IN_THE_TABLES = {"ground cover": "land use", "land cover": "land use"}
 #: Words that tell nothing of an application when they stand alone.
 _GENERIC = frozenset(
     (
-        "a", "an", "airborne", "and", "area", "best", "by", "cover", "data", "for", "from", "ground", "image",
-        "imaging", "in", "is", "it", "map", "mapping", "measured", "of", "on", "one", "percent", "radar", "radiometer",
+        "a", "an", "airborne", "and", "any", "application", "applications", "area", "best", "better", "but", "by",
+        "cover", "data", "for", "frequency", "from", "good", "great", "greater", "ground", "image", "imaging", "in",
+        "is", "it", "map", "mapping", "measured", "more", "of", "on", "one", "over", "percent", "radar", "radiometer",
         "real", "remote", "scene", "score", "sensing", "sensor", "simulated", "site", "surface", "system", "test",
-        "that", "the", "to", "which", "with",
+        "than", "that", "the", "this", "to", "use", "uses", "which", "with",
     )
 )  # fmt: skip
 

@@ -258,19 +258,20 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
 
 
 def _settings_table(analysis: Analysis) -> Table:
+    width = 3 if analysis.region.numeric else 2  # levels have no bounds
     rows = (
         (
             axis_label(factor),
             *(
                 (setting, setting_range_text(analysis, factor), at_bound_text(analysis, factor))
                 if (setting := optimum_setting_text(analysis, factor, unit=False)) != NOTHING
-                else (NOTHING, NOTHING, NOTHING)
-            ),
+                else (NOTHING,) * 3
+            )[:width],
         )
         for factor in analysis.region.factors
     )
     credible = f"Optimal setting, {level_phrase(analysis)} credible interval"
-    columns = ("Factor", right("Setting"), credible, right("Probability at a bound"))
+    columns = ("Factor", *(right("Setting"), credible, right("Probability at a bound"))[:width])
     which = "Best settings of the fitted surface" if _is_a_guess(analysis) else "Recommended settings"
     return table(f"{which} for {analysis.application}", columns, rows)
 
