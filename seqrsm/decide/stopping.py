@@ -423,6 +423,7 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         text = "Confirmation runs at the recommended settings are still to be made."
+        text = text if before_confirmation else "Confirmation runs follow once all else is met."
         agrees, text = (confirmation.agrees, confirmation.text) if confirmation else (None, text)
         checks.append(Check("confirmation", agrees, text))
     held = all(check.holds is True for check in checks)

@@ -224,6 +224,10 @@ def test_confirmation_guard_waits_for_fresh_runs() -> None:
     assert not waiting.held
     assert waiting.wants_confirmation
     assert holds(waiting)["confirmation"] is None
+    assert waiting.reasons == ("Confirmation runs at the recommended settings are still to be made.",)
+    early = look(rule, n_runs=25, df_residual=10, s=3.0)  # `propose` issues none yet, and none after the budget
+    assert not early.wants_confirmation
+    assert "Confirmation runs follow once all else is met." in early.reasons
     fresh = confirmation_interval([80.1, 81.0, 79.5, 80.4, 80.2])
     good = agreement(fresh, 80.0, s=1.5, df=10, h=0.2)
     assert look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=good).held
