@@ -120,8 +120,8 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     if loss:
         rows.append(["", f"expected loss, at most {loss}"])
     if result["simulated_by"]:
-        scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
-        rows.append(["simulated on", ", ".join(scenes)])
+        scenes = (f"{counted(one['runs'], 'run')} ({ground_name(one['averaged'])})" for one in result["simulated_by"])
+        rows.append(["simulated", ", ".join(scenes)])
     show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
     for application in result["applications"]:
         _show_application(spec, result, application)

@@ -15,6 +15,8 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.rehearsal import scored_run
+from seqrsm.campaign.status import campaign_status
+from seqrsm.cli.show_fit import show_status
 from seqrsm.report.blocks import Bullets, Details, FigureBlock, KeyFigures, Paragraph
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import paint_intervals
@@ -190,6 +192,15 @@ def test_no_column_is_empty_where_no_factor_has_bounds(tmp_path):
     scores = points[:, 0] + np.random.default_rng(1).normal(size=15)
     (analysis,) = campaign(tmp_path / "c", specification(factors), points, scores).analyse_all(n_draws=400)
     assert [column.title for column in _settings_table(analysis).columns][0::3] == ["Factor"]
+
+
+def test_status_tells_on_which_scenes_runs_were_simulated(tmp_path, capsys):
+    """ "simulated on  65 on full scene" was told."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS[:0], ())
+    scenes = [{"averaged": 1, "runs": 1, "seconds": 1.0}, {"averaged": 2, "runs": 64, "seconds": 0.3}]
+    show_status(made.spec, campaign_status(made.folder) | {"simulated_by": scenes})
+    told = " ".join(capsys.readouterr().out.split())
+    assert "simulated 1 run (full scene), 64 runs (2 x 2 cells averaged)" in told
 
 
 def test_no_axis_has_an_offset():
