@@ -214,6 +214,8 @@ def _anova_table(analysis: Analysis) -> Table:
     divided = isinstance(analysis.fit.lack_of_fit(), LackOfFit)
     caption = "Sequential analysis of variance"
     caption += "; the residual divides into lack of fit and pure error" if divided else ""
+    if "block" in analysis.fit.kinds:
+        caption += "; blocks come first, not adjusted for the settings of their runs"
     return table(caption, columns, rows)
 
 
