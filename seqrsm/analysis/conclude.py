@@ -264,9 +264,15 @@ def _decision(
         weighed=fitted.departure.process is not None,
         saturated=fitted.region.has_at_most(fitted.model.p),
         n_confirmation=fitted.data.purposes.count(CONFIRMATION),
+        one_block=_one_block(spec, fitted),
         n_flights=fitted.data.sources.count("flight") if len(set(fitted.data.sources)) > 1 else None,
     )
     return decide(rule, look, agreement, application.score_unit)
+
+
+def _one_block(spec: CampaignSpec, fitted: Fitted) -> bool:
+    """Whether how flight days differ is to be part of intervals, and cannot be yet."""
+    return spec.model.block_effect == "random" and fitted.surface.fixed_blocks and "flight" in fitted.data.sources
 
 
 def _model_p(fitted: Fitted) -> float | None:
@@ -367,7 +373,7 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
     if spec.model.block is None and (named := len({*data.blocks} - {""})) > 1:
         told = "intervals do not include how they differ"
         found.append(f'The runs are of {named} blocks, and {told}: [model] block = "block" would include it.')
-    if surface.fixed_blocks and spec.model.block_effect == "random":
+    if _one_block(spec, fitted):
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
         )

@@ -322,6 +322,8 @@ class Look:
         Confirmation runs among the runs, which are beyond the budget.
     n_flights : int or None
         Flights among the runs where simulations are others: more simulations do not tell how flights differ.
+    one_block : bool
+        Future runs are in a new block, and all of these are in one.
     """
 
     n_runs: int
@@ -341,6 +343,7 @@ class Look:
     saturated: bool = False
     n_confirmation: int = 0
     n_flights: int | None = None
+    one_block: bool = False
 
 
 def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: str) -> tuple[str, ...]:
@@ -412,6 +415,9 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         more = f", more than the budget of {rule.max_runs} runs" if needed > budget else ""
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why}){more}."
         checks.append(Check("runs", n_runs >= needed, text))
+    if look.one_block and rule.interval != "confidence":
+        text = "All runs are of one block: how much a run in a new one may differ is unknown."
+        checks.append(Check("blocks", None, text))
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look, width, unit))
     if not look.weighed:

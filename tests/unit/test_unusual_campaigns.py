@@ -229,3 +229,21 @@ def test_blocks_of_the_analysis_of_variance_are_said_to_come_first(tmp_path):
     assert anova.caption.endswith("; blocks come first, not adjusted for the settings of their runs")
     means = np.repeat([np.mean(scores[:20]), np.mean(scores[20:])], [20, 4])
     assert anova.rows[0][2].value == pytest.approx(np.sum(np.square(means - np.mean(scores))))
+
+
+@pytest.mark.parametrize(("interval", "needed"), [("prediction", True), ("confidence", False)])
+def test_no_campaign_with_random_days_stops_on_one_day(tmp_path, interval: str, needed: bool):
+    """It stopped after twelve flights of one day by an interval that leaves out how days differ."""
+    rest = '[model]\nblock = "day"\nblock_effect = "random"\n'
+    text = specification(numeric(2), rest=rest).replace(
+        "[stop]", f'[stop]\nguard = "confirmation"\ninterval = "{interval}"'
+    )
+    for n_days in (1, 6):
+        days = [f"day {i % n_days}" for i in range(24)]
+        place = tmp_path / f"{n_days}"
+        made = campaign(place, text, POINTS, bowl(POINTS) + 0.1 * NOISE, source="flight", block=days)
+        (analysis,) = made.analyse_all(n_draws=400)
+        missing = [check.text for check in analysis.decision.checks if check.name == "blocks"]
+        told = "All runs are of one block: how much a run in a new one may differ is unknown."
+        assert missing == ([told] if needed and n_days == 1 else [])
+        assert analysis.decision.wants_confirmation == (not missing)
