@@ -51,6 +51,7 @@ from seqrsm.report.wording import (
     is_weighted,
     level_phrase,
     listing,
+    model_name,
     no_error_estimate,
     number_cell,
     p_cell,
@@ -427,7 +428,8 @@ def _by_block(analysis: Analysis) -> list[Block]:
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
         columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
-        title = "The recommended settings in a new block, by the quadratic, not corrected for selection bias"
+        whose = model_name(analysis)
+        title = f"The recommended settings in a new block, by the {whose}, not corrected for selection bias"
         blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
     return [Details("Differences between blocks", tuple(blocks))]
 

@@ -71,6 +71,7 @@ from seqrsm.report.wording import (
     is_weighted,
     level_phrase,
     listing,
+    model_name,
     no_error_estimate,
     number_cell,
     optimum_setting_text,
@@ -257,7 +258,8 @@ def _departure(analysis: Analysis) -> list[Block]:
     """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
     found = analysis.fitted.departure
     if found.process is None:
-        text = f"Settings and intervals are the quadratic's; no alternative surface was considered: {found.reason}."
+        whose = f"those of the {model_name(analysis)}"
+        text = f"Settings and intervals are {whose}; no alternative surface was considered: {found.reason}."
         if found.reason == STATED and analysis.fitted.surface.errors.exact:
             text += (
                 " The prior enters the credible intervals of the optimal settings, the expected loss and the choice of "
@@ -299,8 +301,9 @@ def _choice(analysis: Analysis) -> list[Block]:
     )
     how = (
         "The bias is estimated by a parametric bootstrap: 200 sets of scores are simulated about the fitted surface, "
-        "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates anew; "
-        "for the quadratic, with the runs proposed for the optimum at the optimum of its own earlier scores."
+        "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates "
+        f"anew; for the {model_name(analysis)}, with the runs proposed for the optimum at the optimum of its own "
+        "earlier scores."
     )
     return [Paragraph(text, method=how)]
 
