@@ -247,3 +247,16 @@ def test_no_campaign_with_random_days_stops_on_one_day(tmp_path, interval: str, 
         told = "All runs are of one block: how much a run in a new one may differ is unknown."
         assert missing == ([told] if needed and n_days == 1 else [])
         assert analysis.decision.wants_confirmation == (not missing)
+
+
+def test_an_interim_interval_that_misses_its_target_is_not_told_as_the_target(tmp_path):
+    """4.00 of 4 had missed it by 0.001 and the rule, with 4.001 told by `status`."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS) + NOISE)
+    analyses = made.analyse_all(n_draws=400)
+    made.record_looks(analyses)
+    (record,) = made.store.looks()
+    missed = replace(record, summary={**record.summary, "half_width": 5.0011, "expected_loss": 0.5003, "held": False})
+    spec = replace(made.spec, stop=made.spec.stop.model_copy(update={"loss": 0.5}))
+    (details,) = history_section(spec, [missed], analyses[0], "x").blocks
+    (row,) = details.blocks[0].rows
+    assert (row[1].text, row[3].text) == ("5.001", "0.5003")

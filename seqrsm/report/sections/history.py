@@ -10,7 +10,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Details, Entry, FigureBlock, Head, Section, Table, right, table
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.fit import Look, look_data, paint_half_widths, paint_mean_history, read_looks
-from seqrsm.report.rounding import format_plain, format_significant
+from seqrsm.report.rounding import format_against, format_plain
 from seqrsm.report.wording import (
     decimal_cell,
     factor_column,
@@ -24,6 +24,7 @@ from seqrsm.report.wording import (
     with_unit,
 )
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import StopSpec
 from seqrsm.store.records import LookRecord
 
 
@@ -32,8 +33,9 @@ def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis:
     looks = read_looks(records, analysis.application)
     if not looks:
         return None
-    every = Details(f"Interim analyses ({len(looks)})", (_look_table(analysis, looks),), long=True)
-    figure = _history_figure(analysis, looks, spec.stop_of(analysis.application).half_width)
+    stop = spec.stop_of(analysis.application)
+    every = Details(f"Interim analyses ({len(looks)})", (_look_table(analysis, looks, stop),), long=True)
+    figure = _history_figure(analysis, looks, stop.half_width)
     blocks = (figure, every) if len(looks) > 1 else (every,)  # one point has neither progress nor a band
     return Section(f"{key}-history", "Progress of interval and optimum", blocks)
 
@@ -63,19 +65,20 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
     return FigureBlock(lambda: tuple(panels), caption, columns=3)
 
 
-def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
+def _look_table(analysis: Analysis, looks: Sequence[Look], stop: StopSpec) -> Table:
     factors, unit = analysis.region.factors, analysis.score_unit
+    limit = math.nan if stop.loss is None else stop.loss
     rows: list[tuple[Entry, ...]] = []
     for look in looks:
         known = all(f.name in look.settings for f in factors)
         told = told_settings(analysis.region, look.settings, setting_spreads(analysis)) if known else {}
-        width = format_significant(look.half_width, 3) if math.isfinite(look.half_width) else "none"
+        width = format_against(look.half_width, stop.half_width, 3) if math.isfinite(look.half_width) else "none"
         rows.append(
             (
                 whole_cell(look.n_runs),
                 number_cell(width, look.half_width),
                 decimal_cell(look.mean, score_decimals(analysis)),
-                number_cell(format_significant(look.loss, 3) if math.isfinite(look.loss) else "", look.loss),
+                number_cell(format_against(look.loss, limit, 3) if math.isfinite(look.loss) else "", look.loss),
                 *(told.get(f.name, "") for f in factors),
                 "yes" if look.held else "no",
             )
