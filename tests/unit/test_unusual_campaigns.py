@@ -260,3 +260,13 @@ def test_an_interim_interval_that_misses_its_target_is_not_told_as_the_target(tm
     (details,) = history_section(spec, [missed], analyses[0], "x").blocks
     (row,) = details.blocks[0].rows
     assert (row[1].text, row[3].text) == ("5.001", "0.5003")
+
+
+def test_no_region_is_widened_for_pure_noise(tmp_path):
+    scores = 50.0 + 3.0 * np.random.default_rng(1).normal(size=24)
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, scores)
+    (analysis,) = made.analyse_all(n_draws=400)
+    edge = replace(analysis, optimum=replace(analysis.optimum, at_bound={"x0": "low"}))
+    text, _, steps = summary(edge, made.spec)
+    assert "No factor has a significant effect" in text
+    assert not any("widening" in step for step in steps)

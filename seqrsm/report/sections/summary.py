@@ -325,7 +325,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Raise the budget or accept the result as it stands. {_loss_sentence(spec, analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(spec, analysis)}"
-    if edges := best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name)):
+    edges = best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name))
+    if edges and not _flat(analysis):
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         first = " (raise [stop] max_runs first)" if decision.budget_spent else ""
