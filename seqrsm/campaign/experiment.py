@@ -119,6 +119,7 @@ def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
     for k, one in enumerate(spec.applications):
         if key == f"utility of {one.name}":
             path = ("application", k, "utility")
+            remedy = "Restore it. An application added for the new utility is scored from the earlier simulations, too."
     return placed(spec, Problem(message, remedy), *path)
 
 

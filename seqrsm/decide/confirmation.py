@@ -121,4 +121,5 @@ def confirmation_agrees(
     t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
     p = float(2.0 * stdtr(df, -abs(t)))
     agrees = bool(abs(difference) <= half_width)
-    return Agreement(agrees, p, text.format(verdict="in line with" if agrees else "contradicting", p=f"{p:.2g}"))
+    verdict = "in line with" if agrees else "contradicting"
+    return Agreement(agrees, p, text.replace("{verdict}", verdict).replace("{p}", f"{p:.2g}"))
