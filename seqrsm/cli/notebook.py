@@ -457,6 +457,9 @@ class Campaign:
         }
         places = [file / "captions.csv" if name == "figures" else file for name, file in files.items()]
         see_writable(*places, make_folder=True)
+        for name, file in files.items():
+            if name != "figures" and file.suffix.lower() != f".{name}":
+                raise UserError("unknown kind of report", f"Name a .{name} file.", file=str(file))
         return write_report(assemble(self.opened, step), **files, step=step)
 
 

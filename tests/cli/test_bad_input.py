@@ -116,6 +116,13 @@ def test_scores_file(tiny, tmp_path, name) -> None:
     assert '"runs": {}' in status.stdout
 
 
+def test_a_report_is_written_over_nothing_of_another_kind(tiny) -> None:
+    before = listing(tiny)
+    refused(seqrsm("report", tiny, "--html", tiny / "scene.npz"), "scene.npz: unknown kind of report", ".html")
+    refused(seqrsm("report", tiny, "--pdf", tiny / "campaign.toml"), "campaign.toml: unknown kind of report", ".pdf")
+    assert {name: data for name, data in listing(tiny).items() if not name.startswith("campaign.db")} == before
+
+
 def test_a_campaign_without_simulator_is_not_run(tmp_path) -> None:
     folder = tmp_path / "polder"
     assert seqrsm("init", folder, "--template", "flevoland").exit_code == 0
