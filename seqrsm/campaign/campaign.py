@@ -212,7 +212,7 @@ class Campaign:
         see_names(self.spec, made)
         see_meaning(self.store, self.spec, made)
         if source != "flight":
-            self._see_parameters()
+            self._see_simulator(note=False)
         left = budget - self.store.n_used()
         self.store.see_mark()  # else what another process decided would be told as the user's fault
         analyses = analyses or self._looked(made, left)
@@ -275,14 +275,10 @@ class Campaign:
             What scores are made from has changed since the runs so far, or what they are scores of; see
             `seqrsm.campaign.experiment`, `see_names` and `see_units`. Or a new application scores no earlier run.
         """
-        if self.spec.simulator is not None:
-            from seqrsm.campaign.experiment import see_experiment
-
-            see_experiment(self.store, self.spec)
         see_names(self.spec, runs := self.store.runs())
         see_units(self.spec, runs)
-        if runs:
-            self._see_parameters()
+        coded_settings(self.spec.region, [run for run in evidence(runs) if run.state in (*WAITING, "scored")])
+        self._see_simulator(note=True)
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
         carried: set[int] = set()
@@ -300,11 +296,15 @@ class Campaign:
             self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
-    def _see_parameters(self) -> None:
+    def _see_simulator(self, *, note: bool) -> None:
+        """Refuse a simulator that is not that of the runs so far, or lacks what its runs need."""
         if self.spec.simulator is not None:
+            from seqrsm.campaign.experiment import see_experiment
             from seqrsm.campaign.simulation import see_parameters  # the engines: not loaded for fit or status
 
-            see_parameters(self.spec)
+            see_experiment(self.store, self.spec, note=note)
+            if self.store.n_used() or not note:  # else nothing is made now, and `run` checks all of it first
+                see_parameters(self.spec)
 
     def _without_a_score(self) -> list[RunRecord]:
         """Runs simulated here before an application was added: its score is of the same images, simulated again."""

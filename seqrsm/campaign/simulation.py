@@ -229,8 +229,11 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         The campaign has no simulator, or one that cannot score what is asked for.
     """
     if spec.simulator is None or spec.scene_path is None:
-        remedy = "Ingest measured scores, or add a [simulator] table."
-        raise SpecError("this campaign has no simulator", remedy, file=str(spec.folder / SPEC_NAME))
+        message = "this campaign has no simulator: its scores are measured"
+        remedy = (
+            "Issue runs with `seqrsm propose DIR --csv FILE`, fly them, fill in the scores, `seqrsm ingest DIR FILE`."
+        )
+        raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME))
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     for k, (_, name) in enumerate(utilities):
         try:
@@ -418,12 +421,8 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     UserError
         What is wrong with them.
     """
-    if spec.simulator is None:
-        message = "this campaign has no simulator: its scores are measured"
-        remedy = (
-            "Issue runs with `seqrsm propose DIR --csv FILE`, fly them, fill in the scores, `seqrsm ingest DIR FILE`."
-        )
-        raise SpecError(message, remedy, file=str(spec.folder / SPEC_NAME))
+    centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
+    assert spec.simulator is not None
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
         raise SpecError("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path))
@@ -434,7 +433,6 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         problem = Problem(text, remedy, field="[simulator] known_map")
         raise SpecError(placed(spec, problem, "simulator", "known_map"))
     fields = _notes_on_fields(spec, scene) if classifies else ()
-    centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     if centre.known_map:
         loaded(load_known_map, centre.known_map, scene.categories)
     combinations = _check_sensors(spec)

@@ -18,7 +18,7 @@ import numpy as np
 from seqrsm import __version__
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, see_parameters, task_of
+from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, scene_at, see_parameters, task_of
 from seqrsm.errors import UserError
 from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import Goal, sign_of
@@ -49,9 +49,12 @@ def measure_tradeoff(spec: CampaignSpec, progress: Callable[[int, int], None]) -
     ------
     SpecError
         The campaign has no simulator, or a parameter of it is missing.
+    SceneError
+        The scene cannot be read.
     """
     see_parameters(spec)
     see_writable(spec.folder / FILE)
+    scene_at(str(spec.scene_path))
     key = {"spec": spec.spec_hash, "version": __version__}
     kept = _kept(spec.folder)
     if kept.get("key") != key:

@@ -189,8 +189,8 @@ def test_a_result_that_cannot_be_written_is_told_before_the_work(folder, monkeyp
 def test_a_file_of_the_campaign_that_may_not_be_written_is_told_before_the_work(readable, monkeypatch, command):
     monkeypatch.setattr("seqrsm.campaign.candidates.candidates_of", lambda spec: [spec])
     monkeypatch.setattr("seqrsm.campaign.campaign.Campaign.analyse_all", work)
-    monkeypatch.setattr("seqrsm.campaign.tradeoff.task_of", lambda *_: None)
-    monkeypatch.setattr("seqrsm.campaign.tradeoff.rounded_settings", work)
+    monkeypatch.setattr("seqrsm.campaign.tradeoff.see_parameters", lambda *_: None)
+    monkeypatch.setattr("seqrsm.campaign.tradeoff.scene_at", work)
     with as_nobody():
         assert f"{command}.json: the file cannot be written: Permission denied" in call(command, readable, code=2)
 

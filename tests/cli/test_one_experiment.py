@@ -69,10 +69,11 @@ def changed(folder: Path, file: str, old: str, new: str) -> None:
 def test_what_changed_is_refused_and_can_be_accepted_or_put_back(begun, file, old, new, words) -> None:
     before = scored(begun)
     changed(begun, file, old, new)
-    for refused in (run(begun, "--max-runs", "17"), RUNNER.invoke(app, ["check", str(begun)])):
-        assert refused.exit_code == 2
-        assert words in refused.output
-    assert scored(begun) == before
+    runs = Campaign.open(begun).store.runs()
+    for command in ("run", "check", "propose", "simulate"):
+        refused = RUNNER.invoke(app, [command, str(begun)])
+        assert (refused.exit_code, words in refused.output) == (2, True), command
+    assert Campaign.open(begun).store.runs() == runs
     changed(begun, file, new, old)
     assert run(begun, "--max-runs", "17").exit_code in (0, 3)
     changed(begun, file, old, new)
@@ -100,6 +101,18 @@ def test_scores_of_a_former_utility_are_told_as_no_other(begun) -> None:
     assert Campaign.open(begun).store.runs() == before
     changed(begun, "campaign.toml", '"kappa"', '"own:mine"')
     assert RUNNER.invoke(app, ["status", str(begun)]).exit_code == 0
+
+
+def test_a_level_that_runs_have_and_the_campaign_has_no_more_is_refused_before_any_run_is_made(begun) -> None:
+    """`simulate` had made those that were issued, and only a look at the scores told of it."""
+    Campaign.open(begun).propose(2)
+    runs = Campaign.open(begun).store.runs()
+    changed(begun, "campaign.toml", '"HH", "HH+HV"', '"HH", "VV"')
+    for command in ("simulate", "run", "propose", "status", "fit"):
+        refused = RUNNER.invoke(app, [command, str(begun)])
+        assert refused.exit_code == 2, command
+        assert "unknown level (got 'HH+HV'). campaign.toml was changed since: restore" in refused.output, command
+    assert Campaign.open(begun).store.runs() == runs
 
 
 def test_a_scene_of_another_ground_is_refused(begun) -> None:

@@ -101,3 +101,12 @@ def test_tradeoff_without_a_simulator_says_so(tmp_path: Path) -> None:
     code, _, err = call("tradeoff", folder)
     assert code == 2
     assert "no simulator" in err
+    assert err == call("run", folder)[2] == call("simulate", folder)[2]
+
+
+def test_tradeoff_of_a_scene_that_cannot_be_read_says_so_once(tmp_path: Path, tiny_scene: Path) -> None:
+    tiny = make_tiny(tmp_path / "wide", tiny_scene, WIDE)
+    (tiny / "scene.npz").write_text("no scene", encoding="utf-8")
+    code, out, err = call("tradeoff", tiny)
+    assert (code, out) == (2, "")
+    assert err.count("not a readable scene file") == 1
