@@ -98,7 +98,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
         at_middle = np.array([[np.interp(middle, FINE, line) for line in layer] for layer in away])
         departed = np.where(here[:, :, None], away - np.nanmedian(at_middle, axis=1)[:, None, None], 0.0)
         moisture[:] = middle
-        moisture[seen] = posterior_mean(mahalanobis(departed, covariance), FINE, middle, max(spread, 1e-6))
+        moisture[seen] = posterior_mean(mahalanobis(departed, covariance), FINE, middle, spread)
     return moisture, of_cell
 
 

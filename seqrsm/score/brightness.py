@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, of_mixtures
 from seqrsm.scene.scene import Scene
@@ -48,8 +48,9 @@ class ExpectedGround:
         Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K].
     planck_k : float
         As of `seqrsm.simulate.radiometer.prm.Meeting`.
-    footprints_a_field : float
-        Footprints that see one and the same field, 1 at least, of the field at a cell taken at random.
+    footprints_a_field, footprints_a_piece : float
+        Footprints that see one and the same field, 1 at least, of the field at a cell taken at random; no more of them
+        than a square of `BLOCK_M` has.
     """
 
     share: FloatArray
@@ -59,6 +60,7 @@ class ExpectedGround:
     air: FloatArray
     planck_k: float
     footprints_a_field: float
+    footprints_a_piece: float
 
 
 def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> ExpectedGround:
@@ -89,10 +91,13 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     share, sky = spread[..., :-2] / total[..., None], air_over(radiometer, planck_k)
     looks, height = np.abs(scan.look_rad), scan.height_m
     air = np.array([sky.upwelling_k(looks, height), sky.transmission(looks, height), sky.sky_k(looks)])
-    sizes = np.bincount(scene.field_id[known]).astype(np.float64)
     of_footprint = max(int(known.sum()), 1) / max(int((counts.sum(axis=1) > 0).sum()), 1)
-    together = max(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)) / of_footprint, 1.0)
-    return ExpectedGround(share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, together)
+    sizes = np.bincount(scene.field_id[known]).astype(np.float64)
+    of_field = max(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)) / of_footprint, 1.0)
+    in_square = max((BLOCK_M / scene.cell_m) ** 2 / of_footprint, 1.0)
+    return ExpectedGround(
+        share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, of_field, min(of_field, in_square)
+    )
 
 
 GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
@@ -136,10 +141,14 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
     dry, wet = np.moveaxis(_expected_k(ground, slice(None), [0, len(MOISTURE_NODES) - 1]), -1, 0)
     slope = (wet - dry) / (MOISTURE_NODES[-1] - MOISTURE_NODES[0])
-    together = _covariance(image, ground, slope, centre, common=True)
+    together = _covariance(image, ground, slope, centre)
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
-    apart = _covariance(image, ground, slope, middle, common=False)
+    weights = _weights(pixel, block, n_pixels, n_blocks)
+    own = own_of_squares(scene, block, n_blocks, image.moist)
+    met = weights.T @ np.column_stack([own, np.ones(n_blocks)])
+    of_footprint = (met[:, 0] / np.maximum(met[:, 1], 1e-9)).reshape(ground.temperature_k.shape)
+    apart = _covariance(image, ground, slope, middle, of_footprint)
     below, part = _between_nodes(np.array(middle))
     low, high = np.moveaxis(_expected_k(ground, slice(None), [int(below), int(below) + 1]), -1, 0)
     away = (image.brightness_k - (low + part * (high - low))).reshape(len(slope), -1)
@@ -151,16 +160,30 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     # A footprint's weight keeps rare covers near what the table says.
     gram = covers[seen].T @ covers[seen] + np.eye(covers.shape[1])
     level_k = (covers @ np.linalg.solve(gram, covers[seen].T @ away[:, seen].T)).T
-    costs = _costs(image, ground, _weights(pixel, block, n_pixels, n_blocks), level_k, apart)
+    costs = _costs(image, ground, weights, level_k, apart)
     scatter = 1.0
     if seen.any():
         # Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
-        wetted = apart + spread**2 * np.einsum("asl,bsl->slab", slope, slope)
+        wet = spread**2 + radiometer.soil_moisture_field_sd**2 * of_footprint
+        wetted = apart + np.einsum("sl,asl,bsl->slab", wet, slope, slope)
         off = mahalanobis(np.nan_to_num(away - level_k).reshape(*slope.shape, 1), wetted)
         scatter = float(off.ravel()[seen].mean()) / len(slope)
     moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
-    found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
+    departs = np.sqrt(spread**2 + radiometer.soil_moisture_field_sd**2 * own)[:, None]
+    found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, departs)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
+
+
+def own_of_squares(scene: Scene, block: AnyArray, n_blocks: int, moist: BoolArray) -> FloatArray:
+    """Variance of the mean of what fields have of their own in each square (n_blocks,), over that of one field.
+
+    1 where a square is one field, 0 where nothing is ``moist`` (n_categories,).
+    """
+    cells = np.append(moist, False)[np.minimum(scene.cover, len(moist))]
+    code = block[cells].astype(np.int64) * scene.n_fields + scene.field_id[cells]
+    codes, sizes = np.unique(code, return_counts=True)
+    squares = np.bincount(codes // scene.n_fields, np.square(sizes.astype(np.float64)), n_blocks)
+    return np.asarray(squares / np.square(np.maximum(np.bincount(block[cells], minlength=n_blocks), 1)))
 
 
 def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> scipy.sparse.csc_array:
@@ -225,7 +248,7 @@ def _expected_k(ground: ExpectedGround, own: slice, nodes: Sequence[int]) -> Flo
 
 
 def _covariance(
-    image: RadiometerImage, ground: ExpectedGround, slope_k: FloatArray, moisture: float, *, common: bool
+    image: RadiometerImage, ground: ExpectedGround, slope_k: FloatArray, moisture: float, own: FloatArray | None = None
 ) -> FloatArray:
     """Covariance (n_samples, n_lines, n_channels, n_channels) of footprints' brightness about what is expected [K2].
 
@@ -233,12 +256,17 @@ def _covariance(
     table has them, and of their moisture from that of the square, ``slope_k`` (n_channels, n_samples, n_lines) for each
     m3/m3; the error of their temperature; the receiver's noise; and where what footprints have in common is not known,
     the departures of dates and means, too. A footprint of several covers departs by the squares of their shares.
+    ``own`` (n_samples, n_lines): of `own_of_squares`, where squares are told apart; else None, in common.
     """
+    common = own is None
     node, _ = _between_nodes(np.array(moisture))
     radiometer, squares = image.radiometer, np.square(ground.share)
     _, through, sky = ground.air[..., None]
     heat = radiometer.temperature_field_sd_k**2 + (radiometer.temperature_date_sd_k**2 if common else 0.0)
-    wetness = np.square(radiometer.soil_moisture_field_sd) * squares.sum(axis=-1)
+    # What a field has of its own is in the mean of its square, too.
+    apart = squares.sum(axis=-1) if own is None else np.maximum(squares.sum(axis=-1) - own, 0.0)
+    wetness = np.square(radiometer.soil_moisture_field_sd) * apart
+    together = ground.footprints_a_field if common else ground.footprints_a_piece
     reflected = [1.0 - look.at_nodes([int(node)]) for look in ground.lookups]
     out = np.empty((*ground.temperature_k.shape, len(slope_k), len(slope_k)))
     for a, one in enumerate(ground.lookups):
@@ -251,7 +279,7 @@ def _covariance(
             spread = of_mixtures(departure, squares, ground.angle_deg)[..., 0]
             emitted = np.square(through * (ground.temperature_k - sky)) * spread + through**2 * heat
             # What footprints of one field have in common, their number does not lessen.
-            out[..., a, b] = out[..., b, a] = (emitted + slope_k[a] * slope_k[b] * wetness) * ground.footprints_a_field
+            out[..., a, b] = out[..., b, a] = (emitted + slope_k[a] * slope_k[b] * wetness) * together
         out[..., a, a] += np.square(np.nan_to_num(image.nedt_k[a]))
     return out
 
@@ -267,8 +295,8 @@ def _whitened(away: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...ab,b...m->a...m", root, away))
 
 
-def posterior_mean(costs: FloatArray, grid: FloatArray, mean: float, sd: float) -> FloatArray:
-    """Posterior means (n,) on a grid (m,), from squared distances (n, m) and a Gaussian prior."""
-    cost = costs + np.square((grid - mean) / sd)
+def posterior_mean(costs: FloatArray, grid: FloatArray, mean: float, sd: FloatArray | float) -> FloatArray:
+    """Posterior means (n,) on a grid (m,), from squared distances (n, m) and a Gaussian prior, ``sd`` (n, 1) or all."""
+    cost = costs + np.square((grid - mean) / np.maximum(sd, 1e-6))
     weight = np.exp(-0.5 * (cost - cost.min(axis=1, keepdims=True)))
     return np.asarray((weight @ grid) / weight.sum(axis=1))

@@ -28,6 +28,7 @@ from seqrsm.score.brightness import (
     _expected_k,
     _weights,
     expected_ground,
+    own_of_squares,
     posterior_mean,
     retrieved_squares,
 )
@@ -138,6 +139,52 @@ def test_footprints_of_one_field_do_not_count_as_so_many_fields() -> None:
     assert mean_skill(scene(np.zeros((SIDE, SIDE)), 10.0, np.zeros((SIDE, SIDE)), large, ("Grass",)), 10.7) > 0.35
 
 
+@pytest.mark.parametrize("channel", ["H", "V"])
+@pytest.mark.parametrize("shared_sd", [0.045, 0.0])
+@pytest.mark.parametrize("field_m", [250.0, 1000.0])
+def test_large_fields_are_known_as_well_as_their_brightness_lets(
+    field_m: float, shared_sd: float, channel: str
+) -> None:
+    """Against the mean of moisture given the brightness of a field, found by counting in a million draws of one."""
+    cells, one = 160, round(field_m / 25.0)
+    of_cell = np.arange(cells) // one
+    field = of_cell[:, None] * (cells // one) + of_cell
+    s = scene(np.zeros((cells, cells)), 25.0, np.zeros((cells, cells)), field, ("Bareground",))
+    r = radiometer(**{
+        "frequency_ghz": 1.4, "channels": (channel,), "resolution_m": 100.0, "integration_time_ms": 2.0,
+        "bandwidth_mhz": 25.0, "scan_period_s": 1.0, "altitude_m": 3000.0, "speed_m_s": 100.0,
+        "conical_incidence_deg": 40.0, "soil_moisture_low": 0.2, "soil_moisture_high": 0.2, "atmosphere": "none",
+        "soil_moisture_field_sd": 0.05, "soil_moisture_region_sd": shared_sd, "temperature": "constant",
+    })  # fmt: skip
+    table, skills = load_emissivity_table(), []
+    for run in range(8):
+        found = simulate_radiometer(s, r, table, seed=4, run_id=run)
+        skills.append(score_moisture([found], s, SKILL, seed=4, run_id=run).value)
+    rng, n = np.random.default_rng(1), 1_000_000
+    look = table.lookup(["Bareground"], 1.4, channel)
+    wet = np.clip(rng.normal(0.2, np.hypot(0.05, shared_sd), n), 0.02, 0.5)
+    reflected = 1.0 - np.interp(wet, MOISTURE_NODES, look.emissivity[0, :, 40])
+    reflected *= 1.0 - look.field_part[0] * rng.standard_normal(n)
+    warm = r.temperature_low_k + r.temperature_field_sd_k * rng.standard_normal(n)
+    noise_k = float(np.nanmean(found.nedt_k)) / np.sqrt(
+        found.brightness_k[0].size / 16.0**2
+    )  # of a square's footprints
+    seen = warm - reflected * (warm - 2.7) + noise_k * rng.standard_normal(n)
+    ideal = 1.0 - np.mean(wet[np.argsort(seen)].reshape(1000, -1).var(axis=1)) / wet.var()
+    # Footprints at the edges of small fields see two of them.
+    assert -0.1 < np.mean(skills) - ideal < 0.08
+
+
+def test_a_square_has_of_fields_what_its_mean_keeps() -> None:
+    block = np.repeat([[0, 0, 1, 1, 2, 2]], 4, axis=0)
+    field = np.array([[0, 0, 1, 2, 5, 3]] * 2 + [[0, 0, 1, 2, 5, 4]] * 2)
+    s = scene(np.zeros((4, 6)), 10.0, np.repeat([[0, 0, 0, 0, 1, 0]], 4, axis=0), field, ("Bareground", "Trees"))
+    np.testing.assert_allclose(own_of_squares(s, block, 4, np.array([True, False])), [1.0, 0.5, 0.5, 0.0])
+    drawn = np.random.default_rng(2).standard_normal((200_000, 6))
+    of_square = drawn[:, field].reshape(len(drawn), -1)[:, (block == 1).ravel()].mean(axis=1)
+    assert of_square.var() == pytest.approx(0.5, rel=0.02)
+
+
 def test_what_a_table_has_wrong_may_change_with_the_angle() -> None:
     """One level a cover for all angles would leave less (0.62)."""
     assert mean_skill(land(("Bareground", "Grass")), 10.7) > 0.69
@@ -226,11 +273,11 @@ def test_the_covariance_is_that_of_what_is_drawn() -> None:
                 departed = np.sum(share**2 * parts * reflected[0] * reflected[1])
                 wanted[a, b] = (through * (ground.temperature_k[place] - sky)) ** 2 * departed
                 wanted[a, b] += through**2 * (1.0 + (9.0 if common else 0.0))
-        wanted *= ground.footprints_a_field
+        wanted *= ground.footprints_a_field if common else ground.footprints_a_piece
         wanted += np.diag(found.nedt_k[(slice(None), *place)] ** 2)
-        made = _of_brightness(
-            found, ground, np.zeros((2, *ground.temperature_k.shape)), float(MOISTURE_NODES[node]) + 1e-6, common=common
-        )
+        nothing = np.zeros((2, *ground.temperature_k.shape))
+        own = None if common else nothing[0]
+        made = _of_brightness(found, ground, nothing, float(MOISTURE_NODES[node]) + 1e-6, own)
         np.testing.assert_allclose(made[place], wanted, rtol=2e-3)
 
 
