@@ -32,7 +32,7 @@ name = "coarse"
 parameters = { resolution = 45.0 }
 [[candidate]]
 name = "weak"
-parameters = { peak_power = 0.01 }
+parameters = { peak_power = 0.001 }
 [[candidate]]
 sensor = "NISAR S DP 25"
 [[candidate]]

@@ -17,7 +17,7 @@ from seqrsm.errors import ConfigurationError, ScatteringDataError
 from seqrsm.scattering.coherence import FIELD_SD, MOST, Coherence, coherence
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import shipped_rows
-from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.sigma0 import Variability, load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.sensor.hardware import data_rate_bit_s
@@ -407,7 +407,10 @@ def test_a_circular_wave_is_returned_as_the_scattering_matrix_has_it(ghz: float)
 
 def test_an_image_of_circular_waves_has_the_phase_of_its_fields() -> None:
     """Field by field that of HH and VV less the power of HV, where fields do not differ in power."""
-    ground, even = patches(), replace(TABLE, variability={}, channel_correlation=1.0)
+    alike = {
+        ("Bareground", channel): Variability((0.0, 0.0), 0.0, "") for channel in ("HH", "HV", "VV")
+    }  # no roughness
+    ground, even = patches(), replace(TABLE, variability=alike, channel_correlation=1.0)
     images = []
     for channels in (FULL, COMPACT):
         sensor = radar(channels=channels, fading="none", texture_db=0.0)
