@@ -245,6 +245,7 @@ class Sigma0Table:
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
+                *(f"{name}: {_ROUGHNESS_NOTE}" for name, item in found.items() if item.soil),
                 f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} "
                 "(computed: flevoland)",
                 *(self.calendar.notes(names, channel) if through else ()),
@@ -405,6 +406,12 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
         f"Baghdadi et al. 2016{held} (rms height assumed)"
     )
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
+
+
+_ROUGHNESS_NOTE: Final = (
+    f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
+    "angle, alike in all bands and on all dates (computed: baghdadi16)"
+)
 
 
 def _variability_of(row: Row) -> Variability:

@@ -77,6 +77,7 @@ def test_notes_tell_every_assumption() -> None:
         "Water: HH below VV by at most 15 dB (assumed)",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004 and Baghdadi et al. 2016 (rms height assumed)",
+        "Bareground: heights of fields differ by 0.2 decades (assumed), which shows with the sine of the incidence ",
         "Wheat HH: field sd 1.57 dB (computed: l_band_fields), from C band on 1.00 dB (assumed: s1_france_w_fields)",
         "correlation of the field-to-field draws of two channels: 0.75 (computed: flevoland)",
     ):
