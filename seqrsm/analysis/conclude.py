@@ -21,7 +21,7 @@ from seqrsm.analysis.steps import steps_of
 from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
-from seqrsm.decide.stopping import MODEL_ALPHA, Decision, Look, StopRule, decide
+from seqrsm.decide.stopping import LACK_OF_FIT_ALPHA, MODEL_ALPHA, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
@@ -391,6 +391,12 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
     ]
     if best.flat and not _all_equal(fitted):
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
+    lack = fit.lack_of_fit()
+    if spec.model.order == 1 and isinstance(lack, LackOfFit) and lack.p < LACK_OF_FIT_ALPHA:
+        found.append(
+            f"The first-order model does not fit (lack of fit, p = {lack.p:.2g}), so intervals and expected loss are "
+            "too small: [model] order = 2 would fit curvature."
+        )
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
     if fit.leverage_one_runs and fit.df_residual:  # else the model passes through every run, as said above

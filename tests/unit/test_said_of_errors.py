@@ -124,3 +124,14 @@ def test_no_quadratic_is_named_where_the_model_is_of_first_order(tmp_path):
     assert "Settings and intervals are those of the first-order model" in told
     assert "by the first-order model, not corrected" in told
     assert "quadratic" not in told
+
+
+@pytest.mark.parametrize("curvature", [6.0, 0.0])
+def test_a_plane_that_leaves_curvature_is_told_to_become_a_quadratic(tmp_path, curvature):
+    """Three runs at each of nine settings, which tell scatter from what the model leaves."""
+    points = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)] * 3)
+    scores = 50.0 + points @ [4.0, 2.0] - curvature * np.square(points[:, 0]) + np.random.default_rng(2).normal(size=27)
+    text = specification(numeric(2), rest="[model]\norder = 1\n")
+    (found,) = campaign(tmp_path / "c", text, points, scores).analyse_all(n_draws=400)
+    told = [warning for warning in found.warnings if "[model] order = 2" in warning]
+    assert len(told) == bool(curvature)
