@@ -65,10 +65,10 @@ WORDS = [
     "",
     "## What a second incidence angle gains",
     "",
-    "Mean over the worlds, with its standard error. Of soil moisture the source has 0.035 at best: where roughness",
-    "is all that is unknown and shows the more the higher the angle, two angles tell it apart, while here it departs",
-    "by as many decibels at each. Of crops, seen on day 200, no published amount is at hand; day 212 besides, at the",
-    "same angle, is for comparison.",
+    "Mean over the worlds, with its standard error. Of soil moisture the source has 0.035 at best. Here roughness is",
+    "0.3 to 0.6 of the variance between bare fields at 40 deg, and moisture shows half as much again at 23 deg as at",
+    "43, so that the low angle alone tells nearly all. Of crops, seen on day 200, no published amount is at hand; day",
+    "212 besides, at the same angle, is for comparison.",
     "",
 ]
 
