@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final, TypeVar
@@ -42,15 +41,11 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration], taken
     across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
     sine = angle.slant_resolution_m / float(angle.ground_resolution_m(angle.centre_incidence_rad))
     taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * sine)
-    if of["frequency"] is not cell and cell.aperture == "real" and cell.azimuth_beamwidth_deg is None:
-        taken["antenna_length_m"] = cell.antenna_length_m * of["frequency"].wavelength_m / cell.wavelength_m
-    if cell.scan == "slar" and cell.azimuth_beamwidth_deg is not None:
-        # The length that has this beam: of a synthetic aperture it gives the cell, of a real one the beam does.
-        synthetic = cell.aperture == "synthetic"
-        wavelength_m = (cell if synthetic else of["frequency"]).wavelength_m
-        taken["antenna_length_m"] = wavelength_m / math.radians(cell.azimuth_beamwidth_deg)
-        taken["azimuth_beamwidth_deg"] = None if synthetic else cell.azimuth_beamwidth_deg
-    taken |= pulses(taken["channels"], taken["antenna_length_m"], angle.speed_m_s)
+    # A synthetic aperture's cell is given by the antenna's length, that of a real one by its beam.
+    synthetic = cell.aperture == "synthetic"
+    length_m = 2.0 * cell.sample_m if synthetic else of["frequency"].wavelength_m / cell.azimuth_beamwidth_rad
+    taken |= {"antenna_length_m": length_m, "azimuth_beamwidth_deg": None}
+    taken |= pulses(taken["channels"], length_m, angle.speed_m_s)
     return with_noise(replace(base, **taken), noise_equivalent_db(of["noise"]))
 
 

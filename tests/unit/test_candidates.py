@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.analysis.candidates import Sufficing, compared
+from seqrsm.analysis.ground import future_sds
 from seqrsm.campaign.candidates import why_not
 from seqrsm.campaign.instruments import Instrument, mixtures
 from seqrsm.errors import Problem, SceneError
@@ -56,6 +57,26 @@ def test_an_interval_counts_that_few_worlds_tell_little_of_chance(runs: float, s
         found = compared(made[None], np.zeros((16, 2)), Sufficing(0.0, True, 1.0), 0.95, runs).one_ground
         inside.append(future.cdf(found.high) - future.cdf(found.low))
     assert np.mean(inside) == pytest.approx(0.955, abs=0.01)
+
+
+def test_chance_between_few_occasions_is_its_estimate_on_average() -> None:
+    """Worlds have one mean here, and the mean of three future occasions a third of the variance within them."""
+    scores = np.zeros((4, 1)) + np.sqrt(0.5) * np.array([-1.0, 1.0])
+    assert np.mean(np.square(future_sds(scores, 3.0))) == pytest.approx(1.0 / 3.0, rel=0.05)
+
+
+def test_of_one_occasion_a_world_all_variance_is_the_grounds_and_known_by_few() -> None:
+    """A future mean has the scaled inverse chi-squared variance, and the error of the mean so far beside it."""
+    scores = np.random.default_rng(3).normal(size=(5, 1))
+    variance, parts = float(np.sum(np.square(scores - scores.mean()))) / 4.0, (np.arange(30) + 0.5) / 30.0
+    sds = np.sqrt(variance * 4.0 / stats.chi2.isf(parts, 4))
+    np.testing.assert_allclose(np.sort(future_sds(scores, 5.0)), np.sort(sds))
+    found = compared(scores[None], np.zeros((5, 1)), Sufficing(0.0, True, 1.0), 0.95, 5.0)
+    away = (np.array([found.one_ground.low, found.one_ground.high, 0.0]) - scores.mean())[:, None]
+    below = stats.norm.cdf(away / np.hypot(sds, np.sqrt(variance / 5.0))).mean(axis=1)
+    np.testing.assert_allclose(below, [0.025, 0.975, 1.0 - found.probability], atol=1e-7)
+    half = stats.t.ppf(0.975, 4) * np.sqrt(variance / 5.0)
+    assert found.confidence.high == pytest.approx(scores.mean() + half)
 
 
 def test_one_ground_lies_at_any_place_of_the_swath() -> None:
@@ -106,6 +127,14 @@ def test_one_property_of_a_radar_is_exchanged_and_no_other(name: str, title: str
     expected = {**facts(ours), name: facts(other)[name]}
     assert facts(mixed) == expected
     assert mixed.texture_db == 0.5  # of the ground
+
+
+@pytest.mark.parametrize("more", [{}, {"scan": "ppi", "near_incidence_deg": 40.0, "far_incidence_deg": 70.0}])
+def test_a_given_beam_that_makes_the_cell_stays_at_another_frequency(more: dict[str, object]) -> None:
+    ours = replace(OURS, azimuth_beamwidth_deg=2.0, aperture="real", **more)
+    mixed = exchanged(ours, named("Sentinel-1 IW GRDH", "VV+VH", 38.0), ("frequency",))
+    assert mixed.frequency_ghz == 5.405
+    assert np.rad2deg(mixed.azimuth_beamwidth_rad) == pytest.approx(2.0)
 
 
 def test_all_properties_make_the_other_radar_over_the_same_ground() -> None:
