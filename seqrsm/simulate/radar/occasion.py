@@ -143,6 +143,7 @@ def draw_occasion(
     field_offset = np.zeros((len(lookups), len(field_category)))
     theta = math.degrees(radar.centre_incidence_rad)
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
+    height = generator(seed, run_id, "roughness").standard_normal(known.size)
     for c, channel, lookup in _recorded(radar, lookups):
         draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
         sd, rough = lookup.of_fields_db(theta)
@@ -151,9 +152,7 @@ def draw_occasion(
             deviation = sd[category] * draw.of_fields("field backscatter", category.size)
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, sd, category, visit, visit.day)
-        if rough.any():
-            deviation = deviation + rough[category] * generator(seed, run_id, "roughness").standard_normal(known.size)
-        field_offset[c] = np.where(known, deviation, 0.0)
+        field_offset[c] = np.where(known, deviation + rough[category] * height, 0.0)
         class_offset[c] += radar.calibration_sd_db * calibration[LAYERS.index(channel)]
     return Occasion(ground_state[0], ground_state[1], class_offset, field_offset)
 
