@@ -437,6 +437,15 @@ def test_circular_waves_have_a_phase_that_waves_can_have(more: dict[str, object]
     assert (product <= np.sqrt(rh * rv) * (1.0 + 1e-3) + 1e-6 * rh.max()).all()
 
 
+@pytest.mark.parametrize(
+    ("channels", "pair"), [(("HH", "VV"), "HH and VV"), (("RH", "RV"), "RH and RV"), (("HH",), ""), (("HV", "VV"), "")]
+)
+def test_a_phase_that_would_add_is_told_where_both_channels_are_there(channels: tuple[str, ...], pair: str) -> None:
+    image = simulate_radar(patches(4), radar(channels=channels), TABLE, seed=1, run_id=1)
+    told = [note for note in image.notes if "channel 'phase' would add" in note]
+    assert told == [f"{pair} are used by their powers; channel 'phase' would add the phase between them"] * bool(pair)
+
+
 def test_compact_polarimetry_lies_between_dual_and_full() -> None:
     """Brisco et al. 2013, Int. J. Remote Sens. 34(6), 1949-1964: better than two linear channels, worse than all."""
     ground, found = patches(), {}
@@ -475,6 +484,7 @@ def test_a_phase_costs_no_pulses_and_no_data() -> None:
     ("changes", "words"),
     [
         ({"channels": ("HH", "HV", "phase")}, "the phase is that between HH and VV .*Use HH.VV.phase"),
+        ({"channels": ("RV", "phase")}, "the phase is that between RH and RV .*Use RH.RV.phase"),
         ({"channels": ("RH", "phase")}, "the phase is that between RH and RV .*Use RH.RV.phase"),
         ({"channels": FULL, "receiver": "saturation"}, "phases need a linear receiver"),
     ],

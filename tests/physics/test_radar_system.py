@@ -12,6 +12,7 @@ from scipy import stats
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.sensor.antenna import atmosphere_factor, elevation_gain
 from seqrsm.sensor.earth import ground_range_of_look, horizon_ground_range_m, range_geometry, slant_range_of_ground
+from seqrsm.sensor.named import with_noise
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums
@@ -309,15 +310,31 @@ def test_converter_words_from_one_to_sixteen_bits():
     assert np.unique(saturated).size == 1
 
 
-@pytest.mark.parametrize(("bits", "told"), [(4, True), (10, True), (11, False), (12, False), (0, False)])
-def test_ground_below_half_a_step_of_the_converter_is_zero_and_told(bits, told):
+@pytest.mark.parametrize(
+    ("bits", "levels", "more", "told"),
+    [
+        (4, (-14.5,), {}, True),
+        (10, (-14.5,), {}, True),
+        (11, (-14.5,), {}, False),
+        (12, (-14.5,), {}, False),
+        (0, (-14.5,), {}, False),
+        (1, (15.5,), {}, True),  # half of one step is half of full scale: 17.0 dB
+        (1, (17.5,), {}, False),
+        (10, (-14.5, -5.0), {}, False),
+        (10, (-14.5,), {"noise_db": -15.0}, False),  # -11.7 dB together
+        (10, (-14.5,), {"receiver": "agc"}, False),
+    ],
+)
+def test_ground_below_half_a_step_of_the_converter_is_zero_and_told(bits, levels, more, told):
     # Half a step of 10 bits from 0 to 20 dB is 100 / 1023 / 2, a sigma0 of -13.1 dB, and 3.0 dB less with 11 bits.
-    s = scene(np.zeros((40, 40)), 5.0)
-    r = radar(adc_bits=bits, fading="none", peak_power_w=1e4)
-    level = -14.5
-    image = quiet(s, r, Table((level,)))
+    s = scene(np.zeros((40, 40)), 5.0, np.arange(1600).reshape(40, 40) % len(levels))
+    given = {"adc_bits": bits, "fading": "none", "peak_power_w": 1e4, **more}
+    noise_db = given.pop("noise_db", None)
+    r = radar(**given) if noise_db is None else with_noise(radar(**given), noise_db)
+    image = quiet(s, r, Table(levels))
     assert bool((image.intensity == 0.0).all()) == told
-    lookup = Table((level,)).lookup(("class 0",), 5.3, "VV", season="", wind_m_s=0.0, soil_moisture=0.2)
+    names = tuple(f"class {k}" for k in range(len(levels)))
+    lookup = Table(levels).lookup(names, 5.3, "VV", season="", wind_m_s=0.0, soil_moisture=0.2)
     notes = blind_channels(r, make_frame(s, r, "float32"), [lookup])
     assert [note.partition(":")[0] for note in notes] == ["echo weaker than half a step of the converter"] * told
 

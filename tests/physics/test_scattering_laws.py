@@ -121,10 +121,21 @@ def test_wetter_soil_is_brighter() -> None:
     assert db("Bareground", 3.0, "VV", soil_moisture=0.45)[40] == pytest.approx(
         db("Bareground", 3.0, "VV", soil_moisture=0.5)[40], abs=0.02
     )
-    ks, theta = 2.0 * np.pi * 3e9 / 299792458.0 * 0.01, np.deg2rad(40.0)
-    prepared = 10.0 * np.log10(backscatter_oh04(0.1, ks, theta).hh / backscatter_oh04(0.2, ks, theta).hh)
-    farmed = 10.0 * 0.009 * (10.0 - 20.0) / np.tan(theta)
-    assert moisture_change_db(3.0, 0.01, 0.1, 0.2)[0, 40] == pytest.approx(0.5 * (prepared + farmed))
+
+
+@pytest.mark.parametrize(
+    ("angle", "oh_deg", "baghdadi_deg"), [(5, 10.0, 18.0), (14, 14.0, 18.0), (40, 40.0, 40.0), (80, 70.0, 57.0)]
+)
+@pytest.mark.parametrize(
+    ("moisture", "oh_mv", "percent"), [(0.1, 0.1, 10.0), (0.01, 0.04, 4.0), (0.35, 0.291, 35.0), (0.6, 0.291, 45.0)]
+)
+def test_moisture_and_angle_are_held_at_the_edges_of_each_models_range(
+    angle: int, oh_deg: float, baghdadi_deg: float, moisture: float, oh_mv: float, percent: float
+) -> None:
+    ks, theta = 2.0 * np.pi * 3e9 / 299792458.0 * 0.01, np.deg2rad(oh_deg)
+    prepared = 10.0 * np.log10(backscatter_oh04(oh_mv, ks, theta).hh / backscatter_oh04(0.2, ks, theta).hh)
+    farmed = 10.0 * 0.009 * (percent - 20.0) / np.tan(np.deg2rad(baghdadi_deg))
+    assert moisture_change_db(3.0, 0.01, moisture, 0.2)[0, angle] == pytest.approx(0.5 * (prepared + farmed))
 
 
 @pytest.mark.parametrize(("channel", "slope"), [("HH", 0.009), ("HV", 0.011), ("VV", 0.008)])

@@ -93,13 +93,22 @@ def test_noise_of_a_synthetic_aperture_does_not_depend_on_its_beam_at_one_gain()
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"azimuth_beamwidth_deg": 0.05}, "a beam of 0.05 deg resolves 32.41 m in azimuth"),
+        ({"azimuth_beamwidth_deg": 0.05}, "a beam of 0.05 deg resolves 32.41 m in azimuth.* 32.4.* m or a wider beam"),
         ({"azimuth_beamwidth_deg": 10.0, "prf_hz": 400.0}, "prf_hz.* Use at least 617.1"),
     ],
 )
 def test_what_a_given_beam_cannot_do_is_refused(changes, words):
     with pytest.raises(ConfigurationError, match=words):
         radar(**changes)
+
+
+@pytest.mark.parametrize("beam", [{"antenna_length_m": 2.5}, {"azimuth_beamwidth_deg": math.degrees(0.02)}])
+def test_just_as_many_pulses_as_are_needed_do(beam):
+    along = 1.25 if "antenna_length_m" in beam else 0.5 * radar().wavelength_m / 0.02
+    needed = 100.0 / along
+    assert radar(speed_m_s=100.0, prf_hz=needed * (1.0 + 1e-9), **beam).sample_m == pytest.approx(along)
+    with pytest.raises(ConfigurationError, match=f"a pulse every {along:.4g} m flown"):
+        radar(speed_m_s=100.0, prf_hz=needed * (1.0 - 1e-6), **beam)
 
 
 def test_signal_to_noise_is_the_textbook_synthetic_aperture_equation():

@@ -82,7 +82,16 @@ def test_notes_tell_every_assumption() -> None:
         "correlation of the field-to-field draws of two channels: 0.75 (computed: flevoland)",
     ):
         assert words in text
+    assert [note.partition(":")[0] for note in found.notes if "decades" in note] == ["Bareground"]
     assert np.all(found.mean_sd_db > 1.2)  # interpolation in frequency adds as much
+
+
+@pytest.mark.parametrize(
+    ("moisture", "held"), [(0.03, ", held at 0.04 "), (0.04, " "), (0.45, " "), (0.46, ", held at 0.45 ")]
+)
+def test_moisture_that_makes_no_more_difference_is_told(moisture: float, held: str) -> None:
+    notes = TABLE.lookup(["Bareground"], 5.4, "VV", soil_moisture=moisture).notes
+    assert any(f"Oh 2004 and Baghdadi et al. 2016{held}(rms height assumed)" in note for note in notes)
 
 
 def test_status_is_the_weakest() -> None:

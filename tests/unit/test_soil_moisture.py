@@ -86,7 +86,7 @@ def test_without_disturbance_the_moisture_is_found(cone_deg: float) -> None:
     assert blocks.std() == pytest.approx(error.details["truth_sd"], rel=0.25)
 
 
-@pytest.mark.parametrize(("bend", "noise", "sd"), [(0.0, 4.0, 0.05), (300.0, 20.0, 0.3)])
+@pytest.mark.parametrize(("bend", "noise", "sd"), [(0.0, 4.0, 0.05), (0.0, 4.0, 0.006), (300.0, 20.0, 0.3)])
 def test_the_posterior_is_that_of_quadrature(bend: float, noise: float, sd: float) -> None:
     """One Gaussian observation of a line, straight or bent, under a Gaussian prior, by scipy's integrals."""
     slope, seen, mean = -150.0, 250.0, 0.2
@@ -106,6 +106,8 @@ def test_the_posterior_is_that_of_quadrature(bend: float, noise: float, sd: floa
     # Conjugate, far from the ends.
     shrunk = (mean / sd**2 + 0.3 * (slope / noise) ** 2) / (1.0 / sd**2 + (slope / noise) ** 2)
     assert wanted == pytest.approx(shrunk, abs=1e-4)
+    certain = posterior_mean(np.stack([cost, cost]), GRID, GRID[20], np.array([[0.0], [sd]]))
+    assert certain[0] == pytest.approx(GRID[20])
 
 
 def test_longer_waves_see_moister_soil_and_dense_crops_hide_it() -> None:
@@ -273,12 +275,33 @@ def test_the_covariance_is_that_of_what_is_drawn() -> None:
                 departed = np.sum(share**2 * parts * reflected[0] * reflected[1])
                 wanted[a, b] = (through * (ground.temperature_k[place] - sky)) ** 2 * departed
                 wanted[a, b] += through**2 * (1.0 + (9.0 if common else 0.0))
+        ground = replace(ground, footprints_a_field=5.0, footprints_a_piece=3.0)
         wanted *= ground.footprints_a_field if common else ground.footprints_a_piece
         wanted += np.diag(found.nedt_k[(slice(None), *place)] ** 2)
         nothing = np.zeros((2, *ground.temperature_k.shape))
         own = None if common else nothing[0]
         made = _of_brightness(found, ground, nothing, float(MOISTURE_NODES[node]) + 1e-6, own)
         np.testing.assert_allclose(made[place], wanted, rtol=2e-3)
+
+
+@pytest.mark.parametrize("resolution_m", [60.0, 500.0])
+def test_footprints_a_field_and_a_square_are_counted_by_their_areas(resolution_m: float, monkeypatch) -> None:
+    """Over four fields of 800 m and squares of 250 m, of which a footprint of 500 m holds several."""
+    field = np.kron(np.arange(4).reshape(2, 2), np.ones((80, 80), dtype=int))
+    s = scene(np.zeros((SIDE, SIDE)), 10.0, np.zeros((SIDE, SIDE)), field, ("Bareground",))
+    r = radiometer(frequency_ghz=1.4, **{**BAND, "resolution_m": resolution_m})
+    found, own = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1), []
+    ground = expected_ground(found, s, seen_pixels(found))
+    n = np.count_nonzero(ground.share.sum(axis=-1))
+    assert ground.footprints_a_field == pytest.approx(max(n / 4, 1.0))
+    assert ground.footprints_a_piece == pytest.approx(max(n * 250.0**2 / 1600.0**2, 1.0))
+    assert (ground.footprints_a_piece == 1.0) == (resolution_m == 500.0)
+    # Squares that are one field each, and footprints in one or over several of them, have all that a field has.
+    monkeypatch.setattr("seqrsm.score.brightness._covariance", lambda *a: own.append(a[4:]) or _of_brightness(*a))
+    of = np.arange(SIDE) // 25
+    even = replace(s, field_id=(7 * of[:, None] + of).astype(np.int32))
+    retrieved_squares(found, even)
+    np.testing.assert_allclose(own[1][0][ground.share.sum(axis=-1) > 0.0], 1.0)
 
 
 @pytest.mark.parametrize("channels", [("H",), ("V",), ("H", "V")])
@@ -293,6 +316,24 @@ def test_a_radiometer_believes_its_brightness_as_far_as_it_may(channels: tuple[s
         truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
         slopes.append(np.cov(value, truth)[0, 1] / value.var(ddof=1))
     assert 0.85 < np.mean(slopes) < 1.15
+
+
+def test_moisture_that_fields_have_of_their_own_is_no_sign_of_more_noise() -> None:
+    """Where all of it is one field's, noise as stated: the truth regressed on what is retrieved has the slope 1."""
+    of = np.arange(160) // 40  # 1 km: beams at edges of fields see two of them
+    s = scene(np.zeros((160, 160)), 25.0, np.zeros((160, 160)), of[:, None] * 4 + of, ("Grass",))
+    state = {"soil_moisture_low": 0.2, "soil_moisture_high": 0.2, "soil_moisture_field_sd": 0.04}
+    r = radiometer(
+        frequency_ghz=1.4, **{**BAND, "channels": ("H",), "resolution_m": 100.0, "altitude_m": 3000.0,
+           "temperature_field_sd_k": 0.0}, **state, soil_moisture_region_sd=0.0, conical_incidence_deg=40.0,
+    )  # fmt: skip
+    slopes = []
+    for run in range(6):
+        found = simulate_radiometer(s, r, quiet_table(), seed=4, run_id=run)
+        value, unit = retrieved_squares(found, s)
+        truth = np.bincount(unit[unit >= 0], found.occasion.field_moisture[s.field_id[unit >= 0]]) / 100.0
+        slopes.append(np.cov(value, truth)[0, 1] / value.var(ddof=1))
+    assert np.mean(slopes) == pytest.approx(1.0, abs=0.06)
 
 
 def test_squares_and_footprints_tell_of_each_other_by_what_they_share() -> None:
@@ -445,6 +486,35 @@ def test_noise_lessens_skill_by_what_it_hides_and_no_more(channel: str, noise_db
     order = wet[np.argsort(seen)].reshape(1000, -1)
     ideal = 1.0 - np.mean(order.var(axis=1)) / wet.var()
     assert np.mean(skills) == pytest.approx(ideal, abs=0.05)
+
+
+@pytest.mark.parametrize("noise_db", [-40.0, -8.0])
+def test_noise_lessens_what_dates_differ_by_as_it_does_their_moisture(noise_db: float) -> None:
+    """Against the mean of moisture given the power of a date, found by counting in a million draws of one."""
+    s, table = land(("Bareground",), np.zeros_like(KINDS)), load_sigma0_table()
+    state = {"soil_moisture_low": 0.05, "soil_moisture_high": 0.4, "soil_moisture_field_sd": 0.0, "texture_db": 0.0}
+    state |= {"soil_moisture_region_sd": 0.0, "altitude_m": 2e5, "speed_m_s": 300.0, "prf_hz": 500.0}
+    grid, rng, told = np.linspace(0.0, 0.6, 61), np.random.default_rng(1), []
+    looks = [table.lookup(["Bareground"], 5.4, "VV", soil_moisture=float(m)) for m in grid]
+    wet = np.clip(rng.normal(0.225, 0.35 / np.sqrt(12.0), 1_000_000), 0.04, 0.52)
+    parts = (looks[0].field_sd_db[0], looks[0].date_sd_db[0], looks[0].mean_sd_db[0])
+    away = np.linalg.norm(parts) * rng.standard_normal(wet.size)
+    for run in range(4):
+        given = {"resolution": 10.0, "polarization": "VV", "bandwidth": 300.0, "noise_db": noise_db}
+        found = radar_image(s, table, run, **given, **state)
+        theta, met = round(np.rad2deg(found.radar.centre_incidence_rad)), found.occasion
+        level = 10.0 * np.log10([look.sigma0[0, theta] for look in looks])
+
+        def seen_db(moisture, offset_db, level=level):
+            return 10.0 * np.log10(
+                10.0 ** (0.1 * (np.interp(moisture, grid, level) + offset_db)) + 10 ** (0.1 * noise_db)
+            )
+
+        near = np.abs(seen_db(wet, away) - seen_db(met.soil_moisture, met.class_offset_db[0, 0])) < 0.03
+        told.append((retrieved_fields([found], s, 5, run)[0].mean(), wet[near].mean()))
+    value, wanted = np.transpose(told)
+    assert 0.5 < np.ptp(value) / np.ptp(wanted) < 1.1
+    assert value == pytest.approx(wanted, abs=0.04)
 
 
 def test_a_channel_full_of_noise_takes_nothing_from_another() -> None:
