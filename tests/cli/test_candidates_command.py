@@ -151,6 +151,7 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     # A sensor may well score less than a guess does: the report says why.
     assert any("less than a guess" in text for text in dossier.assumptions)
     other = asked.replace("peak_power = 0.001", "peak_power = 0.002")
+    assert other != asked
     (compared / "campaign.toml").write_text(other, encoding="utf-8")
     assert assemble(Campaign.open(compared)).candidates is None  # others were compared
     (compared / "campaign.toml").write_text(text, encoding="utf-8")

@@ -77,6 +77,9 @@ def test_of_one_occasion_a_world_all_variance_is_the_grounds_and_known_by_few() 
     np.testing.assert_allclose(below, [0.025, 0.975, 1.0 - found.probability], atol=1e-7)
     half = stats.t.ppf(0.975, 4) * np.sqrt(variance / 5.0)
     assert found.confidence.high == pytest.approx(scores.mean() + half)
+    # What an edge of the swath gains another loses: their mean is known to be 0.
+    both = compared(np.stack([scores, -scores]), np.zeros((5, 1)), Sufficing(0.0, True, 1.0), 0.95, 5.0)
+    assert (both.confidence.low, both.confidence.high) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 def test_one_ground_lies_at_any_place_of_the_swath() -> None:

@@ -113,6 +113,10 @@ def test_flights_beside_simulations_are_what_reduces_the_loss(tmp_path):
     told = analysis.sources.text
     assert "percent relative to simulations (95 % credible interval" in told
     assert "Over the region it rests mainly on the prior after 4 flights" in told
+    for one in ("flight", "simulation"):
+        (alone,) = campaign(tmp_path / one, text, POINTS, scores, source=[one] * n).analyse_all(n_draws=400)
+        needed = int(np.ceil(n * alone.posterior.expected_regret / 0.001))
+        assert any(f"about {needed} runs are needed" in text for text in alone.decision.reasons)
 
 
 @pytest.mark.parametrize(("effect", "told"), [("fixed", True), ("random", False)])
