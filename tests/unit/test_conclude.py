@@ -336,10 +336,17 @@ def test_an_expected_loss_is_that_of_the_look_with_and_without_a_limit(tmp_path:
     assert f"(target: at most {format_plain(limit)}" in step
 
 
-@pytest.mark.parametrize("errors", ['errors = "student_t"', 'errors = "beta_binomial"\nresponse = "logit"'])
-def test_intervals_by_draws_are_those_of_the_look(tmp_path: Path, errors: str) -> None:
+@pytest.mark.parametrize(
+    ("errors", "prior"),
+    [
+        ('errors = "student_t"', ""),
+        ('errors = "student_t"', "[application.prior]\nutility = [10.0, 90.0]\nrepeat_sd = 2.0\n"),
+        ('errors = "beta_binomial"\nresponse = "logit"', ""),
+    ],
+)
+def test_intervals_by_draws_are_those_of_the_look(tmp_path: Path, errors: str, prior: str) -> None:
     """`fit` and the report told other ends, and another half-width of the stop rule, than `status` and `run`."""
-    text = specification(numeric(2), rest=f"[model]\n{errors}\n").replace('"measured"', '"percent_correct"')
+    text = specification(numeric(2), rest=f"{prior}[model]\n{errors}\n").replace('"measured"', '"percent_correct"')
     made = campaign(tmp_path / "c", text, POINTS[:0], ())
     right = np.round(30.0 - 3.0 * np.sum(np.square(POINTS), axis=1) + NOISE).astype(int)
     made.ingest(pd.DataFrame({"x0": POINTS[:, 0], "x1": POINTS[:, 1], "n": 40, "correct": right}))

@@ -18,9 +18,12 @@ DAYS = [f"day {i}" for i in range(8)] * 5
 SCORES = bowl(POINTS) + NOISE + np.tile(3.0 * np.linspace(-1.5, 1.5, 8), 5)
 
 
+def made_of(place, rest: str, **more):
+    return campaign(place / "c", specification(numeric(2), rest=f"[model]\n{rest}\n"), POINTS, SCORES, **more)
+
+
 def of(place, rest: str, **more) -> Analysis:
-    made = campaign(place / "c", specification(numeric(2), rest=f"[model]\n{rest}\n"), POINTS, SCORES, **more)
-    return made.analyse_all(n_draws=400, thorough=True)[0]
+    return made_of(place, rest, **more).analyse_all(n_draws=400, thorough=True)[0]
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +52,10 @@ def test_the_equation_of_the_model_has_the_errors_that_were_taken(student, norma
     (math,) = equations(model_section(student, "x"))
     assert "sigma t_4" in math
     assert '"N"' not in math
-    weighted = of(tmp_path, 'weights = "se"', se=np.linspace(1.0, 3.0, 40))
-    (math,) = equations(model_section(weighted, "x"))
-    assert '"N"(0, sigma^2 \\/ w)' in math
+    for errors, law in (("normal", '"N"(0, sigma^2 \\/ w)'), ("student_t", "sigma \\/ sqrt(w) dot t_4")):
+        weighted = of(tmp_path / errors, f'errors = "{errors}"\nweights = "se"', se=np.linspace(1.0, 3.0, 40))
+        (math,) = equations(model_section(weighted, "x"))
+        assert math.endswith(f"epsilon tilde {law}")
 
 
 def test_no_equation_is_printed_for_an_interval_that_does_not_follow_it(student, normal, tmp_path):
@@ -79,7 +83,7 @@ def test_f_and_standard_errors_are_said_to_allow_for_weights_from_the_scores(stu
         assert first.text == "" or first.text.endswith(". ")  # what follows is the method
 
 
-def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(student, normal):
+def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(student, normal, tmp_path):
     """With 4 degrees of freedom it is the scale times the root of 2."""
     rows = values(model_section(student, "x"), "Quality")
     (scale,), (sd,) = rows["Residual scale s"], rows["Standard deviation of a run"]
@@ -89,8 +93,10 @@ def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(stud
     assert rows["Residual standard deviation s"] == [normal.fit.s]
     assert "Standard deviation of a run" not in rows
     assert student.blocks.sigma == pytest.approx(np.sqrt(2.0) * student.fit.s, rel=0.1)
-    low, high = student.blocks.ratio
-    assert low < student.blocks.sigma_block / student.blocks.sigma < high
+    # Both parts of the ratio are standard deviations.
+    days = student.fitted.surface.days(made_of(tmp_path, 'errors = "student_t"\nblock = "day"').spec)
+    assert student.blocks.sigma_block == days.sigma_day
+    assert student.blocks.ratio == pytest.approx(np.array(days.sigma_ratio_interval(0.95)) / np.sqrt(2.0))
 
 
 def test_an_alternative_that_is_likelier_is_not_said_to_refute_a_quadratic(tmp_path):
@@ -126,12 +132,13 @@ def test_no_quadratic_is_named_where_the_model_is_of_first_order(tmp_path):
     assert "quadratic" not in told
 
 
-@pytest.mark.parametrize("curvature", [6.0, 0.0])
-def test_a_plane_that_leaves_curvature_is_told_to_become_a_quadratic(tmp_path, curvature):
+@pytest.mark.parametrize(("order", "curvature", "told"), [(1, 6.0, True), (1, 0.0, False), (2, 6.0, False)])
+def test_a_plane_that_leaves_curvature_is_told_to_become_a_quadratic(tmp_path, order, curvature, told):
     """Three runs at each of nine settings, which tell scatter from what the model leaves."""
     points = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)] * 3)
-    scores = 50.0 + points @ [4.0, 2.0] - curvature * np.square(points[:, 0]) + np.random.default_rng(2).normal(size=27)
-    text = specification(numeric(2), rest="[model]\norder = 1\n")
+    left = np.square(points[:, 0] * points[:, 1] ** (order - 1))  # what neither has a term for
+    scores = 50.0 + points @ [4.0, 2.0] - curvature * left + np.random.default_rng(2).normal(size=27)
+    text = specification(numeric(2), rest=f"[model]\norder = {order}\n")
     (found,) = campaign(tmp_path / "c", text, points, scores).analyse_all(n_draws=400)
-    told = [warning for warning in found.warnings if "[model] order = 2" in warning]
-    assert len(told) == bool(curvature)
+    assert (found.fit.lack_of_fit().p < 0.05) == (curvature > 0.0)
+    assert len([warning for warning in found.warnings if "[model] order = 2" in warning]) == told

@@ -172,6 +172,24 @@ def test_what_misses_its_target_is_not_told_as_the_target() -> None:
     assert "is ± 4.448 (95 %); the target is ± 4.449." in interval.text
 
 
+def test_confirmation_runs_among_the_runs_are_beyond_the_budget_of_what_is_needed() -> None:
+    needed = look(StopRule(interval="confidence", half_width=0.8, max_runs=80)).runs_needed  # 0.80 of 1.82
+    assert needed is not None
+    few = StopRule(interval="confidence", half_width=0.8, max_runs=needed - 3)
+    lossy = replace(RULE, loss=0.5, max_runs=77)  # 80 of 50 runs for 0.8
+    for rule, loss, short in ((few, 0.0, "target"), (lossy, 0.8, "an expected loss")):
+        for confirming, told in ((0, True), (2, True), (3, False)):
+            found = look(rule, loss=loss, n_confirmation=confirming)
+            assert any(f"is too small for {'the ' * (loss == 0.0)}{short}" in text for text in found.futility) == told
+    terms = look(replace(RULE, max_runs=33), n_runs=32, n_confirmation=2)  # 35 for 15 terms
+    assert "more than the budget" not in str(terms.reasons)
+    assert "more than the budget of 33 runs" in str(look(replace(RULE, max_runs=33), n_runs=32).reasons)
+
+
+def test_lack_of_fit_is_significant_below_five_percent() -> None:
+    assert [holds(look(lack_of_fit=p))["lack_of_fit"] for p in (0.0499, 0.05)] == [False, True]
+
+
 def test_budget_that_cannot_reach_the_target() -> None:
     rule = StopRule(interval="confidence", half_width=0.5, max_runs=80)
     decision = look(rule)
@@ -310,7 +328,8 @@ def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
         assert near.p == pytest.approx(2.0 * stats.t.sf(0.4 / se, 12))
     # Runs that all scored the same foretell exactly that.
     assert [agreement(fresh, fresh.mean + off, s=0.0, df=12, h=0.3).p for off in (0.0, 0.1)] == [1.0, 0.0]
-    assert "contradicting" in outside.text
+    assert outside.text == "fresh runs contradicting, 0.05"  # 0.0499
+    assert near.text.startswith("fresh runs in line with, 0.")
 
 
 def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:
