@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -113,6 +114,8 @@ def test_flights_beside_simulations_are_what_reduces_the_loss(tmp_path):
     told = analysis.sources.text
     assert "percent relative to simulations (95 % credible interval" in told
     assert "Over the region it rests mainly on the prior after 4 flights" in told
+    (left,) = re.findall(r"after 4 flights \((\d+) % of the prior variance of its terms remains\)", told)
+    assert float(left) == pytest.approx(100.0 * analysis.sources.both.prior_share, abs=0.5)
     for one in ("flight", "simulation"):
         (alone,) = campaign(tmp_path / one, text, POINTS, scores, source=[one] * n).analyse_all(n_draws=400)
         needed = int(np.ceil(n * alone.posterior.expected_regret / 0.001))
@@ -251,6 +254,9 @@ def test_no_campaign_with_random_days_stops_on_one_day(tmp_path, interval: str, 
         told = "All runs are of one block: how much a run in a new one may differ is unknown."
         assert missing == ([told] if needed and n_days == 1 else [])
         assert analysis.decision.wants_confirmation == (not missing)
+    (alone,) = campaign(tmp_path / "none", text, POINTS, bowl(POINTS) + 0.1 * NOISE).analyse_all(n_draws=400)
+    assert "blocks" not in [check.name for check in alone.decision.checks]  # simulations are of no day
+    assert not any("block" in warning for warning in alone.warnings)
 
 
 def test_an_interim_interval_that_misses_its_target_is_not_told_as_the_target(tmp_path):
