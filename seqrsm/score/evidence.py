@@ -135,7 +135,7 @@ def evidence_of(
     is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
     # Those of one image are in this order already, and nobody else's.
     layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*powers, *angles]), dtype=np.float64)
-    counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
+    counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts, scene.scored), None
     seen = None if by == "field" else pixels.seen
     if by == "field":
         side = tile_m(scene, radar=isinstance(base, RadarImage))
@@ -397,8 +397,8 @@ def _of_segments(
     return mean, counts, tile, teaching, unit
 
 
-def _shown(image: Image, counts: AnyArray) -> AnyArray:
-    """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar sees little but shadow.
+def _shown(image: Image, counts: AnyArray, scored: BoolArray) -> AnyArray:
+    """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar sees little of them but shadow.
 
     Nobody takes it for an example of what stands there. Lit ground teaches however weak its echo: were it only where
     fading or slopes lift it above the noise, a class would be taught brighter than it is.
@@ -408,7 +408,7 @@ def _shown(image: Image, counts: AnyArray) -> AnyArray:
     hidden = np.asarray(image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
     if not hidden.any():
         return counts
-    dark = image.pixel_of_cell[image.shadow]
+    dark = image.pixel_of_cell[image.shadow & scored]
     in_shadow = np.bincount(dark[dark >= 0], minlength=hidden.size)
     teaching = counts.copy()
     teaching[hidden & (2 * in_shadow > np.einsum("nk->n", counts))] = 0

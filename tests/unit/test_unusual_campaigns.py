@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,11 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
+from seqrsm.campaign.experiment import EXPERIMENT, see_utilities
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.campaign.status import campaign_status
 from seqrsm.cli.show_fit import show_status
+from seqrsm.errors import StoreError
 from seqrsm.report.blocks import Bullets, Details, FigureBlock, KeyFigures, Paragraph, Table
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import paint_intervals
@@ -136,6 +139,16 @@ def test_a_run_on_a_new_day_is_told_beside_one_on_the_average_day(tmp_path, effe
         new = analysis.blocks.new.prediction
         assert new.half_width > 1.5 * analysis.optimum.prediction.half_width
         assert f"in a new block {format_range(new.low, new.high, 1)}" in detail
+
+
+@pytest.mark.parametrize(("source", "refused"), [("flight", False), ("simulation", True)])
+def test_measured_scores_are_those_of_whatever_was_measured(tmp_path, source: str, refused: bool):
+    """After simulations by another utility, all void now: only simulated scores are of the utility of their time."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS), source=source)
+    made.store.add_event(EXPERIMENT, {EXPERIMENT: {"utility of score": "kappa"}})
+    told = pytest.raises(StoreError, match="utility of score was kappa for earlier runs and is now measured")
+    with told if refused else nullcontext():
+        see_utilities(made.store, made.spec, made.store.runs())
 
 
 def test_small_scores_do_not_run_into_each_other_along_the_axis_of_intervals(tmp_path):
