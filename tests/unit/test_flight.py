@@ -71,6 +71,11 @@ def test_a_converted_setting_is_the_number_that_people_write(read):
     assert [one.settings["frequency"] for one in scores] == [float(text) for text in by_hand]
 
 
+def test_a_setting_in_the_factors_own_unit_is_taken_to_the_last_digit(read):
+    (one,) = read("frequency,looks,polarization,score\n1.1300000000000001,4,HH,50\n").scores
+    assert one.settings["frequency"] == 1.1300000000000001 != 1.13
+
+
 def test_lines_count_blank_lines_and_quoted_breaks(read):
     content = "\n" + HEADER + ',note\n1,4,HH,50,"two\nlines"\n\n1,4,VV,51,\n'
     assert [score.line for score in read(content).scores] == [3, 6]

@@ -60,6 +60,14 @@ def test_all_categories_are_there() -> None:
         assert np.all(found.date_sd_db > 0)
 
 
+def test_each_unknown_cover_is_told_and_once_what_there_is() -> None:
+    with pytest.raises(ScatteringDataError) as caught:
+        TABLE.lookup(["WHEAT", "Wheat", "Hops", "WHEAT"], 5.4, "VV")
+    first, last = caught.value.problems
+    assert (first.value, first.remedy) == ("WHEAT", "Did you mean Wheat?")
+    assert (last.value, last.remedy.partition(":")[0]) == ("Hops", "The table has")
+
+
 def test_categories_in_one_class_differ() -> None:
     """Without offsets the crops would look alike and crop classification would be noise by construction."""
     values = 10.0 * np.log10(TABLE.lookup(("Wheat", "Oats", "Corn", "Vegetables"), 1.25, "HH").sigma0[:, 40])
