@@ -303,8 +303,7 @@ class Campaign:
             from seqrsm.campaign.simulation import see_parameters  # the engines: not loaded for fit or status
 
             see_experiment(self.store, self.spec, note=note)
-            if self.store.n_used() or not note:  # else nothing is made now, and `run` checks all of it first
-                see_parameters(self.spec)
+            see_parameters(self.spec)
 
     def _without_a_score(self) -> list[RunRecord]:
         """Runs simulated here before an application was added: its score is of the same images, simulated again."""

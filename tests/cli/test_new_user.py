@@ -245,7 +245,9 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     assert f"campaign.toml:{line}: [simulator.fixed] peak_power: out of range (got -1.0). Give a number" in wrong
     assert "Narrow" not in wrong
     missing = told("peak_power = 1000.0", "")
-    assert "[simulator.fixed] peak_power: missing. Make it a factor or give it under [simulator.fixed]" in missing
+    says = "[simulator.fixed] peak_power: missing. Make it a factor or give it under [simulator.fixed]"
+    assert says in missing
+    assert says in call("simulate", tiny, code=2)  # without runs, too
     # A band that is too narrow for the finest resolution only lies with the factor.
     narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
     assert re.search(r"This happens at \d+ of \d+ settings, for instance at polarization HH, resolution 10 m\.", narrow)
