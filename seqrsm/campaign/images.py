@@ -279,7 +279,8 @@ def report_pictures(
     tuple of str
         What the simulations assumed.
     """
-    made: list[tuple[str, Mapping[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
+    made: list[tuple[str, Mapping[str, float | str], Picture, UtilityScore]] = []
+    notes: dict[str, list[str]] = {}
     cell_m = 0.0
     for title, settings in chosen.items():
         tell("simulating images", len(made), len(chosen))
@@ -288,9 +289,10 @@ def report_pictures(
         image, *others = images = simulate_images(task, scene)
         score = score_images(task, task.utilities[0][1], images, scene)
         which = f" (image 1 of {len(images)}, {task.acquisitions[0].label})" if others else ""
-        made.append((f"{title}{which}", settings, picture_of(image), image.notes, score))
+        notes[title] = [note for one in images for note in one.notes]
+        made.append((f"{title}{which}", settings, picture_of(image), score))
         cell_m = scene.cell_m
-    scales = grey_scales(picture for _, _, picture, _, _ in made)
+    scales = grey_scales(picture for _, _, picture, _ in made)
     # Footprints of a sweep are longer to the sides, and lines lie apart by the flight: no pixel of theirs is square.
     on_ground = spec.simulator is not None and spec.simulator.engine == "prm"
     panels = tuple(
@@ -304,10 +306,10 @@ def report_pictures(
             score_se=score.se,
             caption=_caption(picture, scales),
         )
-        for title, settings, picture, _, score in made
+        for title, settings, picture, score in made
     )
     turns = made[0][2].quarter_turns if made else 0
-    return panels, turns, _notes({title: own for title, _, _, own, _ in made}, scene.categories if made else ())
+    return panels, turns, _notes(notes, scene.categories if made else ())
 
 
 def _notes(of_images: Mapping[str, Sequence[str]], covers: Sequence[str]) -> tuple[str, ...]:

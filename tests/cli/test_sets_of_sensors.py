@@ -13,6 +13,7 @@ from PIL import Image
 from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
+from seqrsm.campaign.images import report_pictures
 from seqrsm.campaign.rests_on import crop_calendar, mean_sds
 from seqrsm.campaign.simulation import carry_out, files_of, task_of
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -119,16 +120,19 @@ def test_dates_of_more_than_a_year_are_refused_before_any_run(tmp_path, tiny_sce
     assert "span 540 days, more than one year of crops" in " ".join(found.stderr.split())
 
 
-def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(tmp_path, tiny_scene) -> None:
-    """Decibels and emissivities have no mean; a set of radiometers alone has the emissivity's, without unit."""
+def beside_a_radiometer() -> str:
     passive = "[simulator.members.passive]\nengine = 'prm'\nfrequency = 1.4\npolarization = 'H'\nbandwidth = 25.0\n"
     passive += "noise_temperature = 500.0\nintegration_time = 10.0\nscan_period = 1.0\naltitude_m = 1500.0\n\n"
-    sets = (
+    return (
         text()
         .replace('"L+C"', '"L+C", "L+passive", "passive"')
         .replace("[simulator.members.C]", passive + "[simulator.members.C]")
     )
-    spec = load_spec(make_tiny(tmp_path / "mixed", tiny_scene, sets))
+
+
+def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(tmp_path, tiny_scene) -> None:
+    """Decibels and emissivities have no mean; a set of radiometers alone has the emissivity's, without unit."""
+    spec = load_spec(make_tiny(tmp_path / "mixed", tiny_scene, beside_a_radiometer()))
     when = {"dates": 1.0, "first_day": 185.0, "C.resolution": 30.0}
     found = {name: mean_sds(spec, {"frequency": name, **when}) for name in ("L", "L+passive", "passive")}
     assert found["L+passive"] == found["L"]
@@ -136,6 +140,16 @@ def test_the_deviation_of_a_mean_is_that_of_backscatter_beside_a_radiometer_too(
     assert found["L"][0]["Trees"] == pytest.approx(2.5)  # an assumed mean
     sds, unit = found["passive"]
     assert (sds["Trees"], unit) == (pytest.approx(0.02, abs=0.011), "")
+
+
+def test_the_report_tells_what_every_sensor_of_a_set_rests_on(tmp_path, tiny_scene) -> None:
+    spec = load_spec(make_tiny(tmp_path / "both", tiny_scene, beside_a_radiometer()))
+    own = {"dates": 1.0, "first_day": 120.0, "C.resolution": 30.0}
+    chosen = {"At the optimum": {"frequency": "L+passive", **own}, "Worst of the region": {"frequency": "L", **own}}
+    panels, _, notes = report_pictures(spec, chosen)
+    assert "At the optimum: radiation by the Rayleigh-Jeans law" in notes
+    assert "fading is independent between pixels and between channels" in notes
+    assert panels[0].title == "At the optimum (image 1 of 2, L, day 120)"
 
 
 @pytest.mark.parametrize(("sets", "n"), [(["L+C", "L+C+X"], 0), (["S+C"], 1), (["1.25+1.4", "1.4+1.25+C"], 1)])
