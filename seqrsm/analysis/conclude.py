@@ -280,11 +280,7 @@ def _model_p(fitted: Fitted) -> float | None:
     all_terms = np.arange(1, fitted.model.p)
     if not fitted.fit.df_residual or not len(all_terms):
         return None
-    return 1.0 if _all_equal(fitted) else fitted.fit.partial_f(all_terms).p
-
-
-def _all_equal(fitted: Fitted) -> bool:
-    return float(np.ptp(fitted.data.scores)) == 0.0
+    return 1.0 if fitted.data.all_equal else fitted.fit.partial_f(all_terms).p
 
 
 def _confirmation(
@@ -389,7 +385,7 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]
-    if best.flat and not _all_equal(fitted):
+    if best.flat and not fitted.data.all_equal:
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     lack = fit.lack_of_fit()
     if spec.model.order == 1 and isinstance(lack, LackOfFit) and lack.p < LACK_OF_FIT_ALPHA:
@@ -404,7 +400,7 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         one, several = f"run {ids} (leverage 1): its score", f"runs {ids} (leverage 1): their scores"
         through = one if len(fit.leverage_one_runs) == 1 else several
         found.append(f"The model must pass through {through} cannot be checked.")
-    if _all_equal(fitted):
+    if fitted.data.all_equal:
         found.append("All scores are equal, so there is no optimum: every setting is equally good.")
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"

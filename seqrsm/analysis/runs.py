@@ -56,6 +56,11 @@ class ScoredRuns:
     guess: float = np.nan
     perfect: float = np.nan
 
+    @property
+    def all_equal(self) -> bool:
+        """Whether all scores are equal, which leaves neither an optimum nor a scatter to be seen."""
+        return float(np.ptp(self.scores)) == 0.0
+
 
 def evidence(runs: Sequence[RunRecord]) -> list[RunRecord]:
     """Runs that a fit is made of, once they are scored: a set of confirmation runs is held back until others follow it.

@@ -32,6 +32,7 @@ CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the initial design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
+_ALL_EQUAL = "all scores so far are equal, so no settings are known to be better than others"
 _DAY_PRECISION = 1.0  # prior, of a new day's effect beside fixed ones: days differ as much as runs do
 _ALIKE = 1e-6  # least variance of days over that of a run
 _WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
@@ -318,7 +319,9 @@ def next_batch(
         for proposal, chosen in batch:
             pure += proposal.repeats
             setting = _settings_of(region, proposal, done)
-            why = proposal.why if len(analyses) == 1 else f"{chooser.analysis.application}: {proposal.why}"
+            # What a run gains is in units of a scatter that equal scores do not show.
+            why = _ALL_EQUAL if chooser.analysis.fitted.data.all_equal else proposal.why
+            why = why if len(analyses) == 1 else f"{chooser.analysis.application}: {why}"
             made.append(NewRun(setting, proposal.purpose, why, chosen, spec.cost.of(chosen)))
             done.append(_Made(setting, chosen, ""))
     return made

@@ -104,7 +104,7 @@ class Optimum(Greedy):
             return "optimum", f"{self.known.narrowing(choice.row)}{choice.again}"
         total = float(np.sum(W * self.known.C))
         share = percent(of_regret / total if total > 0.0 else 0.0)
-        return "regret", f"reduces the expected loss from a misplaced optimum by {share}{choice.again}"
+        return "regret", f"reduces the variance of the loss from a misplaced optimum by {share}{choice.again}"
 
 
 class Spread(Greedy):

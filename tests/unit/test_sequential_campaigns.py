@@ -586,6 +586,15 @@ def test_what_the_process_asks_for_again_has_the_settings_that_were_made(campaig
         assert any(run.proposed == other.proposed for other in runs if other.run_id != run.run_id)
 
 
+def test_equal_scores_promise_no_gain(campaign) -> None:
+    """A share of an expected loss or of a width is of nothing: neither is known."""
+    made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 90"), lambda *_: 50.0)
+    made.propose()
+    made.simulate()
+    told = {run.why for run in made.propose(4)}
+    assert told == {"all scores so far are equal, so no settings are known to be better than others"}
+
+
 def test_sources_are_weighed_by_one_criterion(campaign) -> None:
     """The cheaper one where both tell the same: a process knows of one source only."""
     for flight, chosen in ((1000.0, "simulation"), (0.001, "flight")):
