@@ -154,25 +154,30 @@ class Campaign:
             "best" takes for each run the source that gains more for its cost. By default simulation where there is a
             simulator, else flight, which is any measurement.
         csv : Path, optional
-            Form for a flight crew, one row a run, the score left empty.
+            Form for a flight crew, one row a flight, the score left empty; none where "best" chooses no flight.
 
         Raises
         ------
         UserError
-            Unknown source, a form that exists already, too few scores and none to wait for, or a budget that is spent.
+            Unknown source, a form that exists already or of simulations, too few scores and none to wait for, or a
+            budget that is spent.
         """
         source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
             raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
         if csv is not None:  # known before any run is issued
             see_free(csv)
+            if source == "simulation":
+                message = "these runs are to be simulated, and a form is for flights"
+                raise UserError(message, "Add --source flight, or leave out --csv.", field="--csv", value=str(csv))
         records: tuple[RunRecord, ...] | None = None
         while records is None:  # where another process decided meanwhile, choose again from what there is now
             self.store.mark()
             with suppress(OvertakenError):
                 records = self.decide(n, source)
-        if csv is not None:
-            self.write_form(csv, records)
+        flights = [run for run in records if run.source == "flight"]
+        if csv is not None and flights:
+            self.write_form(csv, flights)
         return records
 
     def write_form(self, file: Path, runs: Sequence[RunRecord] | None = None) -> int:

@@ -72,6 +72,7 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
         *_twice(file),
         *_corrections(spec, file, scored),
         *_void(file, runs),
+        *_to_be_simulated(file, runs if spec.simulator else ()),
     ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
@@ -320,3 +321,12 @@ def _void(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
         if run is not None and old is not None and old.score == row.score:
             found = f"run {run.run_id} is void ({run.reason}) and had this score"
             yield row, "score", row.score, found, "Leave the cell empty, or use --accept to make it count again."
+
+
+def _to_be_simulated(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
+    """Scores without a source of runs that were proposed as simulations: as flights they would count as simulated."""
+    own = {run.run_id for run in runs if run.source == "simulation" and run.state != "scored"}
+    for row in file.scores:
+        if row.run_id in own and not row.source:
+            hint = "If it was flown, add a column source with the word flight."
+            yield row, "run_id", row.run_id, "this run was proposed as a simulation", hint

@@ -272,7 +272,6 @@ def propose(
     as_json: AsJson = False,
 ) -> None:
     """Propose and issue the next runs."""
-    from seqrsm.cli.notebook import why_not
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = _opened(folder)
@@ -281,9 +280,14 @@ def propose(
         return
     with display("choosing the next runs"):
         runs = campaign.issue(n, source=source, csv=csv)
-    print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
-    if why := why_not(n, runs):
-        say(why)
+    if as_json:
+        print_json([run_row(run) for run in runs])
+    else:
+        show_proposals(campaign.spec, runs, of_source=source == "best")
+    for told in campaign.remarks(n, runs):
+        say(told)
+    if csv is not None and all(run.source == "simulation" for run in runs):
+        say("no form: none of these runs is a flight")
 
 
 @app.command()

@@ -101,15 +101,6 @@ def _see_whole(least: int, **given: Any) -> None:
             raise UserError(f"{name} is a whole number from {least}", "Correct it.", value=value)
 
 
-def why_not(n: int | None, runs: Sequence[RunRecord]) -> str:
-    """Why not as many runs were issued as were asked for; "" where they were."""
-    if n is None or len(runs) == n:
-        return ""
-    whole = {"start": "the initial design is issued as a whole", "confirmation": "confirmation runs come first"}
-    why = whole.get(runs[0].purpose, "the budget, [stop] max_runs, leaves no more")
-    return f"{counted(len(runs), 'run')} instead of {n}: {why}"
-
-
 class Campaign:
     """An open campaign folder.
 
@@ -244,6 +235,20 @@ class Campaign:
             raise UserError("this campaign has no simulator", "Use flight.", field="--source", value=source)
         return list(self.opened.propose(n, source=source, csv=csv))
 
+    def remarks(self, n: int | None, runs: Sequence[RunRecord]) -> list[str]:
+        """Why not as many runs were issued as the ``n`` asked for; and that the stop rule asks for none."""
+        found = []
+        if n is not None and len(runs) != n:
+            whole = {"start": "the initial design is issued as a whole", "confirmation": "confirmation runs come first"}
+            why = whole.get(runs[0].purpose, "the budget, [stop] max_runs, leaves no more")
+            found.append(f"{counted(len(runs), 'run')} instead of {n}: {why}")
+        last = {look.application: look for look in self.opened.store.looks()}
+        looked = [last.get(one.name) for one in self.spec.applications]
+        begun = all(run.purpose != "start" for run in runs)
+        if begun and all(look is not None and look.summary["held"] for look in looked):
+            found.append("the stop rule is met: it asks for none of these runs")
+        return found
+
     def propose(self, n: int | None = None, *, source: str | None = None) -> DataFrame:
         """Propose and issue the next runs; the first call issues the initial design, which has its own size.
 
@@ -261,8 +266,8 @@ class Campaign:
             ``se``, and the reason in ``note``. Fill in ``score`` and pass it to `ingest`.
         """
         runs = self.issue(n, source=source)
-        if why := why_not(n, runs):
-            warnings.warn(why, stacklevel=2)
+        for told in self.remarks(n, runs):
+            warnings.warn(told, stacklevel=2)
         return self.form([run.run_id for run in runs])
 
     def form(self, run_ids: Iterable[int] | None = None) -> DataFrame:

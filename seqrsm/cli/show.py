@@ -33,10 +33,11 @@ def run_row(run: RunRecord) -> dict[str, Any]:
     }
 
 
-def show_proposals(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Issued runs with the reason for each."""
+def show_proposals(spec: CampaignSpec, runs: Sequence[RunRecord], *, of_source: bool) -> None:
+    """Issued runs with the reason for each; ``of_source``: whether to say who makes it."""
     for run in runs:
-        line(f"run {run.run_id}: {settings_text(spec.factors, run.proposed)}")
+        source = f" ({run.source})" * of_source
+        line(f"run {run.run_id}{source}: {settings_text(spec.factors, run.proposed)}")
         line(f"{run.purpose}: {run.why}", 6)
 
 

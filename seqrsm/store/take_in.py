@@ -190,6 +190,8 @@ def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems
     if faults or not fresh:
         return False
     values = {"executed": plain(run.settings), "source": run.source or old.source, "block": run.block or old.block}
+    if values["source"] != old.source:
+        values["cost"] = run.cost
     ledger.add_scores(old.run_id, fresh, values)
     return True
 

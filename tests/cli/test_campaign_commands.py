@@ -340,12 +340,10 @@ def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated
     assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
 
 
-def test_propose_simulate_void_by_hand(tiny, tmp_path) -> None:
-    form = tmp_path / "form.csv"
-    runs = json.loads(ok("propose", tiny, "--csv", form, "--json"))
+def test_propose_simulate_void_by_hand(tiny) -> None:
+    runs = json.loads(ok("propose", tiny, "--json"))
     assert len(runs) == 11  # five terms and six more
     assert {run["state"] for run in runs} == {"issued"}
-    assert len(form.read_text(encoding="utf-8").splitlines()) == 12
     assert seqrsm("propose", tiny).exit_code == 2  # nothing to propose from before these are scored
     ok("simulate", tiny)
     ok("void", tiny, 3, "--why", "wrong altitude")
@@ -380,6 +378,63 @@ def test_flight_scores_enter_the_same_campaign(copy, tmp_path) -> None:
     assert any(term["name"].startswith("block[") for term in after["terms"])  # the source is an effect of its own
     ok("ingest", copy, form)  # recognised, not doubled
     assert json.loads(ok("fit", copy, "--json"))["n_runs"] == after["n_runs"]
+
+
+def test_no_form_is_made_of_runs_to_be_simulated(tiny, tmp_path) -> None:
+    result = seqrsm("propose", tiny, "--csv", tmp_path / "form.csv")
+    assert result.exit_code == 2
+    assert "a form is for flights" in result.stderr
+    assert "--source flight" in result.stderr
+    assert not (tmp_path / "form.csv").exists()
+    assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
+
+
+COSTS = "[cost]\nunit = 'kEUR'\nsimulation = {}\nflight = {}\n[stop]"
+
+
+def room(folder: Path, simulation: float = 0.25, flight: float = 8.0) -> None:
+    spec = folder / "campaign.toml"
+    text = spec.read_text(encoding="utf-8").replace("max_runs = 40", "max_runs = 50")
+    spec.write_text(text.replace("[stop]", COSTS.format(simulation, flight)), encoding="utf-8")
+
+
+@pytest.mark.parametrize(("simulation", "flight", "chosen"), [(0.001, 1000.0, "simulation"), (1000.0, 0.001, "flight")])
+def test_each_run_of_the_best_source_says_which_it_is_and_flights_alone_go_into_the_form(
+    copy, tmp_path, simulation, flight, chosen
+) -> None:
+    room(copy, simulation, flight)
+    form = tmp_path / "form.csv"
+    result = seqrsm("propose", copy, "-n", 2, "--source", "best", "--csv", form)
+    assert result.exit_code == 0, result.output
+    assert len(re.findall(rf"run \d+ \({chosen}\): ", result.stdout)) == 2
+    assert form.exists() == (chosen == "flight")
+    assert ("no form: none of these runs is a flight" in result.stderr) == (chosen == "simulation")
+
+
+def test_a_measured_score_of_a_run_to_be_simulated_needs_its_source(copy, tmp_path) -> None:
+    """Without it a flight would count as a simulation, and cost as one."""
+    room(copy)
+    before = json.loads(ok("status", copy, "--json"))
+    (run,) = json.loads(ok("propose", copy, "-n", 1, "--json"))
+    file = tmp_path / "flown.csv"
+    file.write_text(f"run_id,score\n{run['run_id']},70.5\n", encoding="utf-8")
+    result = seqrsm("ingest", copy, file)
+    assert result.exit_code == 2
+    assert "proposed as a simulation" in result.stderr
+    assert "column source" in result.stderr
+    file.write_text(f"run_id,score,source\n{run['run_id']},70.5,flight\n", encoding="utf-8")
+    ok("ingest", copy, file)
+    after = json.loads(ok("status", copy, "--json"))
+    assert after["cost_spent"] - before["cost_spent"] == pytest.approx(8.0)
+
+
+def test_runs_that_the_stop_rule_does_not_ask_for_are_issued_with_a_word(copy, tiny) -> None:
+    room(copy)
+    result = seqrsm("propose", copy, "-n", 2)
+    assert result.exit_code == 0, result.output
+    assert "the stop rule is met: it asks for none of these runs" in result.stderr
+    assert json.loads(ok("status", copy, "--json"))["runs"]["issued"] == 2
+    assert "stop rule" not in seqrsm("propose", tiny).output
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "npz"])
