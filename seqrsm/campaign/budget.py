@@ -7,7 +7,7 @@ every step as `run` does, once there are scores.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -94,8 +94,13 @@ class Plan:
         return self.runs >= self.asked and narrow and not self.loss > target_loss
 
 
-def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, target_loss: float, unit: str) -> str:
-    """What would reach targets that the campaign as it is does not, the least loss first; in sentences."""
+def way_out(
+    plans: Sequence[Plan], over: Sequence[Plan], target: float, target_loss: float, unit: str, own: Collection[str] = ()
+) -> str:
+    """What would reach targets that the campaign as it is does not, the least loss first; in sentences.
+
+    ``own``: keys of the targets that stand in the application's table and not in [stop].
+    """
 
     def told(plan: Plan) -> str:
         return f"half-width {amount(plan.half_width, unit, target)}, loss {amount(plan.loss, unit, target_loss)}"
@@ -116,8 +121,10 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, target_l
     near = min((plan for plan in widths if plan.half_width <= narrow), key=lambda plan: plan.loss)
     how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
     missed = {"half_width": near.half_width > target, "loss": near.loss > target_loss}
-    keys = " and ".join(key for key, misses in missed.items() if misses)
-    return f"Nearest: {how} ({told(near)})." + f" Widen [stop] {keys} to that, or more." * bool(keys)
+    in_stop, in_own = ([key for key in missed if missed[key] and (key in own) == mine] for mine in (False, True))
+    tables = (("[stop]", in_stop), ("[[application]]", in_own))
+    keys = " and ".join(f"{table} {' and '.join(of_table)}" for table, of_table in tables if of_table)
+    return f"Nearest: {how} ({told(near)})." + f" Widen {keys} to that, or more." * bool(keys)
 
 
 def random_surfaces(

@@ -240,7 +240,8 @@ def _judged(
     if not problem and not plans[0].reaches(target, target_loss):
         problem = f"{rule.max_runs} runs are not expected to reach the targets."
     if refused or problem:
-        out = way_out(plans, over, target, target_loss, unit)
+        own = [key for key in ("half_width", "loss") if getattr(application, key) is not None]
+        out = way_out(plans, over, target, target_loss, unit, own)
         of = f"{application.name}: " if len(spec.applications) > 1 else ""
         refused, problem = (f"{of}{text} {out}" if text else "" for text in (refused, problem))
     return Judged(

@@ -201,12 +201,18 @@ def check(folder: Folder, as_json: AsJson = False) -> None:
         show_sections(check_sections(result))
         line()
     judged = (result, *result.others)
-    if refused := [Problem(one.refused, field="[stop]") for one in judged if one.refused]:
-        raise SpecError(*(placed(load_spec(folder), problem, "stop") for problem in refused))
+    if refused := [one for one in judged if one.refused]:
+        spec, problems = load_spec(folder), []
+        for one in refused:
+            k = [each.name for each in spec.applications].index(one.application)
+            own = spec.applications[k].half_width is not None and spec.stop.max_runs >= one.min_runs
+            field, *path = ("[[application]] half_width", "application", k, "half_width") if own else ("[stop]", "stop")
+            problems.append(placed(spec, Problem(one.refused, field=field), *path))
+        raise SpecError(*problems)
     if not as_json:
-        for problem in (problems := [one.target_problem for one in judged if one.target_problem]):
+        for problem in (warned := [one.target_problem for one in judged if one.target_problem]):
             line(f"Warning: {problem}")
-        if not problems:
+        if not warned:
             line("See the notes on the region and the scene." if result.combinations else "No problems found.")
 
 

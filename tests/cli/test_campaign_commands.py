@@ -437,6 +437,20 @@ def test_runs_that_the_stop_rule_does_not_ask_for_are_issued_with_a_word(copy, t
     assert "stop rule" not in seqrsm("propose", tiny).output
 
 
+def test_a_target_of_one_application_is_refused_where_it_stands(tiny) -> None:
+    """The error named [stop], whose half_width is another application's."""
+    spec = tiny / "campaign.toml"
+    own = '[[application]]\nname = "trees"\nutility = "f1 of Trees"\nhalf_width = 0.3\n\n[simulator]'
+    text = spec.read_text(encoding="utf-8").replace("[simulator]", own, 1)
+    spec.write_text(text, encoding="utf-8")
+    result = seqrsm("check", tiny)
+    assert result.exit_code == 2
+    line = 1 + text.splitlines().index("half_width = 0.3")
+    told = " ".join(result.stderr.split())
+    assert f"campaign.toml:{line}: [[application]] half_width: trees: A half-width of 0.3 percent is below" in told
+    assert "Widen [[application]] half_width to that, or more." in told
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif", "npz"])
 def test_image_files_open(copy, tmp_path, suffix) -> None:
     import numpy as np

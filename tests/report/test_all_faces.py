@@ -314,6 +314,8 @@ def test_what_every_row_of_a_check_is_stands_once() -> None:
         "70 %",
         "60 %",
     )
+    fast = dict(check_sections(dataclasses.replace(result, seconds_per_run=0.003))[0].blocks[0].items)
+    assert fast["simulation time here"] == "0.0030 s a run; less than 1 s for the budget"  # it said 0 s
 
 
 def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> None:

@@ -7,13 +7,16 @@ from types import SimpleNamespace
 
 from report_dossiers import two_uses
 
+from seqrsm.analysis.gap import Gap
 from seqrsm.campaign.images import chosen_settings
 from seqrsm.report.blocks import Table
 from seqrsm.report.sections import data, model
 from seqrsm.report.sections.data import question_section, run_section
 from seqrsm.report.sections.model import diagnostics_section
+from seqrsm.report.sections.optimum import optimum_section
 from seqrsm.report.sections.sources import image_section, provenance_section
 from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.wording import format_setting, readable
 
 
 def tables(section) -> list[Table]:
@@ -54,3 +57,13 @@ def test_what_the_settings_of_each_application_rest_on_stands_with_them_alone(fl
     rests = {one.application: {"measured": 0.4, "assumed": 0.6} for one in both.analyses}
     assert "Table values" not in str(summary_section(both.spec, both.analyses, both.compromise, both.runs, rests))
     assert "Table values" in str(summary_section(flight.spec, flight.analyses, None, flight.runs, rests))
+
+
+def test_one_value_of_a_factor_is_no_range(simulated):
+    """The largest box without a run was told to be at dates 3 to 3."""
+    analysis = simulated.analyses[0]
+    factor = analysis.region.factors[analysis.region.numeric[0]]
+    one = Gap(0.5, {factor.name: (factor.low, factor.low)})
+    section = optimum_section(dataclasses.replace(analysis, gap=one), "x", simulated.spec.stop)
+    alone = " ".join(str(getattr(block, "text", "")) for block in section.blocks)
+    assert f"coded range: {readable(factor.name)} {format_setting(factor, factor.low)}. A peak" in alone

@@ -143,6 +143,8 @@ def test_where_nothing_reaches_the_target_the_loss_decides_among_what_is_about_a
     assert words.startswith("Nearest: 120 runs (half-width 17 percent, loss 0.7 percent). Widen [stop] half_width to")
     both = way_out([whole, fixed, first], [], 14.0, 0.5, "percent")
     assert both.endswith("loss 0.7 percent). Widen [stop] half_width and loss to that, or more.")
+    own = way_out([whole, fixed, first], [], 14.0, 0.5, "percent", ["half_width"])
+    assert own.endswith("Widen [stop] loss and [[application]] half_width to that, or more.")
     assert "17 percent, loss 0.7 " in way_out([whole, fixed], [], 18.0, 0.6, "percent")  # not the narrower one
     assert way_out([whole], [], 18.0, 0.6999, "").endswith("loss 0.7). Widen [stop] loss to that, or more.")
 

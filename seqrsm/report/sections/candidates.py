@@ -175,7 +175,8 @@ def _note(row: Mapping[str, Any], digits: int, unit: str) -> str:
             scores = " / ".join(format_number(one["score"], digits) for one in places)
             noise = " / ".join(format_number(one["noise_db"], 1) for one in places)
             looks = format_significant(places[len(places) // 2]["looks"], 2)
-            parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {with_unit(scores, unit)}")
+            seen = f"{looks} looks; at {angles}\u00a0deg incidence noise {noise}\u00a0dB"
+            parts.append(f"{seen}, score {with_unit(scores, unit)}")
         elif "footprint_m" in places[0]:
             length, width = (format_significant(1e-3 * side, 3) for side in places[0]["footprint_m"])
             parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg")

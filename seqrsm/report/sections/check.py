@@ -114,7 +114,7 @@ def _budget_sections(result: Judged, of: str, told: set[Paragraph]) -> list[Sect
 
 def _duration(seconds: float) -> str:
     if seconds < 90.0:
-        return f"{seconds:.0f} s"
+        return f"{seconds:.0f} s" if seconds >= 1.0 else "less than 1 s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 

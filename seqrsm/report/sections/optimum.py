@@ -204,7 +204,7 @@ def _gap(analysis: Analysis) -> list[Block]:
     ranges = []
     for name, (low, high) in analysis.gap.ranges.items():
         first, last = format_setting(factors[name], low, unit=False), format_setting(factors[name], high)
-        ranges.append(f"{readable(name)} {first} to {last}")
+        ranges.append(f"{readable(name)} {f'{first} to ' * (low < high)}{last}")
     text = (
         "Intervals take the score to change smoothly between runs. The largest box without a run spans "
         f"{format_share(analysis.gap.share)} of each continuous factor's coded range: {listing(ranges)}. A peak within "
