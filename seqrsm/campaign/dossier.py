@@ -21,6 +21,7 @@ from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.simulation import NO_RUN, scene_at, sensor_notes, task_of
 from seqrsm.campaign.tradeoff import read_tradeoff
+from seqrsm.plain import counted
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
 from seqrsm.score.utilities import utility_of
@@ -160,19 +161,27 @@ def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> t
         + (", or a Gaussian process about one" if weighed else ""),
     ]
     if spec.simulator is not None:
+        known = spec.simulator
+        engines = {own.get("engine", known.engine) for own in known.members.values()} | {known.engine}
         drawn = {
             "psm": "backscatter of fields and dates, soil moisture, wind, fading",
             "prm": "emissivity, temperature and soil moisture of fields and of the date",
-        }[spec.simulator.engine]
+        }
+        of_run = ", ".join(words for engine, words in drawn.items() if engine in engines)
         found.append(
-            f"each simulated run is one occasion with its own draw of the tables: table means, {drawn}, receiver noise "
-            "and the training sample are drawn from the campaign's seed and the run's id"
+            f"each simulated run is one occasion with its own draw of the tables: table means, {of_run}, receiver "
+            "noise and the training sample are drawn from the campaign's seed and the run's id"
         )
         if any(utility_of(application.utility).classifies for application in spec.applications):
             found.append(
                 "all covers are equally probable to the classifier before it sees the image, so that a poor image can "
                 "score less than a guess that names the commonest cover everywhere"
             )
+            if known.known_map:
+                found.append(
+                    f"beside the images the classifier has a label of an existing map for each field, which every run "
+                    f"draws from the confusion table {known.known_map}, independently between fields"
+                )
     return tuple(found)
 
 
@@ -187,7 +196,7 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
         "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "emcee")),
     }
     for file in store.files():
-        found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}"
+        found[f"scores file {file.name}"] = f"{counted(file.row_count, 'row')}, SHA-256 {file.sha256}"
     if scene is not None:
         told = {"scene": scene.name, "scene, licence": scene.licence, "scene, provenance": scene.provenance}
         found |= {name: text for name, text in told.items() if text}
@@ -199,6 +208,7 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
     name, runs = campaign.folder.name, {run.run_id: run for run in campaign.store.runs()}
     run_it, flight = (f"run {name}", " --source flight") if campaign.spec.simulator is not None else ("", "")
     steps, sizes = [run_it] if run_it else [], Counter(run.batch for run in runs.values())
+    sources = Counter(batch for batch, _ in {(run.batch, run.source) for run in runs.values()})
     seen: set[object] = {"measured"}
     for event in campaign.store.events():
         run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
@@ -211,8 +221,9 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
         elif run and event.kind == "proposed" and {run.batch, run.purpose}.isdisjoint(seen) and run.replaces is None:
             seen.add(run.batch)
             size = "" if run.purpose in ("start", CONFIRMATION) else f" -n {sizes[run.batch]}"
-            step = run_it if run.source == "simulation" else f"propose {name}{size}{flight}"
-            steps += [step] if steps[-1:] != [step] else []
+            own = run_it if run.source == "simulation" else f"propose {name}{size}{flight}"
+            made = [f"propose {name}{size} --source best", f"simulate {name}"] if sources[run.batch] > 1 else [own]
+            steps += made if steps[-1:] != made else []
     fit = [f"fit {name}"] if steps != [run_it] else []
     return tuple(
         f"seqrsm {step}" for step in (*steps, *fit, *(f"{command} {name}" for command in more), f"report {name}")

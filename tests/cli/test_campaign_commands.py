@@ -18,6 +18,7 @@ from typer.testing import CliRunner, Result
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
 from seqrsm.campaign import check, rests_on
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import _reproduce as reproduce
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
 from seqrsm.cli.app import app
 from seqrsm.plain import shallow
@@ -25,6 +26,7 @@ from seqrsm.simulate import runner
 from seqrsm.simulate.runner import run_many
 from seqrsm.spec.read import load_spec
 from seqrsm.store.chain import event_hash
+from seqrsm.store.records import NewRun
 
 
 def seqrsm(*arguments: object) -> Result:
@@ -409,6 +411,19 @@ def test_each_run_of_the_best_source_says_which_it_is_and_flights_alone_go_into_
     assert len(re.findall(rf"run \d+ \({chosen}\): ", result.stdout)) == 2
     assert form.exists() == (chosen == "flight")
     assert ("no form: none of these runs is a flight" in result.stderr) == (chosen == "simulation")
+
+
+def test_a_batch_of_both_sources_is_reproduced_as_it_was_proposed(copy) -> None:
+    """It was left out: the commands that followed spoke of flights that nobody had issued."""
+    room(copy)
+    campaign = Campaign.open(copy)
+    made = campaign.store.runs()
+    new = [NewRun(made[0].proposed, "optimum", "", source) for source in ("simulation", "flight", "flight")]
+    campaign.store.mark()
+    campaign.store.add_batch(new, issue=True)
+    steps = reproduce(campaign, ())
+    mixed = ("seqrsm propose copy -n 3 --source best", "seqrsm simulate copy")
+    assert steps == ("seqrsm run copy", *mixed, "seqrsm fit copy", "seqrsm report copy")
 
 
 def test_a_measured_score_of_a_run_to_be_simulated_needs_its_source(copy, tmp_path) -> None:

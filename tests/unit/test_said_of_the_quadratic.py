@@ -14,6 +14,7 @@ from seqrsm.campaign.dossier import _measured_assumptions
 from seqrsm.report.blocks import Table
 from seqrsm.report.sections.model import model_section
 from seqrsm.report.sections.optimum import shape_section
+from seqrsm.spec.tables import SimulatorSpec
 
 
 def tables(section) -> list[Table]:
@@ -74,6 +75,23 @@ def test_the_surface_assumed_is_the_one_that_was_considered(narrow):
     for one, process in ((narrow, True), (dataclasses.replace(narrow, fitted=quadratic), False)):
         (told,) = [text for text in _measured_assumptions(campaign, (one,)) if "polynomial" in text]
         assert ("Gaussian process" in told) == process
+
+
+def test_what_a_run_draws_is_that_of_every_engine_of_a_set_and_the_label_of_a_map(narrow):
+    """Beside a radar nothing was said of a radiometer, nor of a map that names most of the fields."""
+    simulator = SimulatorSpec(engine="psm", scene="s.npz", members={"passive": {"engine": "prm"}}, known_map="old.csv")
+    campaign = SimpleNamespace(spec=SimpleNamespace(
+        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=SimpleNamespace(words="normal"),
+        simulator=simulator, applications=[SimpleNamespace(utility="kappa by field")],
+    ))  # fmt: skip
+    told = "; ".join(_measured_assumptions(campaign, (narrow,)))
+    assert "wind, fading, emissivity, temperature and soil moisture of fields and of the date, receiver noise" in told
+    assert "a label of an existing map for each field" in told
+    assert "old.csv, independently between fields" in told
+    campaign.spec.simulator = SimulatorSpec(engine="prm", scene="s.npz")
+    alone = "; ".join(_measured_assumptions(campaign, (narrow,)))
+    assert "fading" not in alone
+    assert "existing map" not in alone
 
 
 def test_a_run_is_unusual_for_the_quadratic_where_there_is_another_surface(tmp_path):

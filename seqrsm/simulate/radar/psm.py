@@ -311,7 +311,7 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
     """What is to be said of pixels finer than a database's cells [m]."""
     return (
         f"pixels finer than the ground: the scene has nothing smaller than its cells of {cell_m:g} m, so pixels of "
-        f"{radar.pixel_spacing_m:g} m show no more detail and have fewer looks"
+        f"{radar.pixel_spacing_m:.3g} m show no more detail and have fewer looks"
     )
 
 
