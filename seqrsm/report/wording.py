@@ -19,6 +19,7 @@ from seqrsm.design.region import Region
 from seqrsm.plain import counted, heading
 from seqrsm.report.blocks import Cell, Column, right
 from seqrsm.report.rounding import (
+    MINUS,
     NOTHING,
     decimals_for,
     decimals_of_significant,
@@ -210,9 +211,10 @@ def fixed_unit(name: str, value: float | str) -> str:
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:
-    """A sentence with readable names of factors and powers of ten, and no line that ends before a percent sign."""
+    """A sentence with readable names of factors, minus signs and powers of ten; no line ends before a percent sign."""
     text = re.sub(r"(?<=\d) (?=%)", "\u00a0", text)
     text = re.sub(r"\d(?:\.\d+)?e[+-]\d+(?!\w)", lambda found: format_plain(float(found[0])), text)
+    text = re.sub(r"(?<![^\s(\[])-(?=\d)", MINUS, text)
     for name in sorted((name for name in names if "_" in name), key=len, reverse=True):
         text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", readable(name), text)
     return text

@@ -67,3 +67,10 @@ def test_one_value_of_a_factor_is_no_range(simulated):
     section = optimum_section(dataclasses.replace(analysis, gap=one), "x", simulated.spec.stop)
     alone = " ".join(str(getattr(block, "text", "")) for block in section.blocks)
     assert f"coded range: {readable(factor.name)} {format_setting(factor, factor.low)}. A peak" in alone
+
+
+def test_a_score_that_tells_no_standard_error_is_not_told_as_exact(simulated):
+    images = tuple(dataclasses.replace(one, score_se=0.0) for one in simulated.images)
+    shown = str(image_section(dataclasses.replace(simulated, images=images)))
+    assert "79.2" in shown
+    assert "\u00b1" not in shown.replace("Score \u00b1 s.e.", "")

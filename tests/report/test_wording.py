@@ -53,6 +53,8 @@ def test_terms_of_sensor_parameters_do_not_look_like_units():
     assert readable_term("season[fall]:pulse_length_us") == "season[fall] \u00d7 pulse length"
     assert readable_text("at altitude_m = 3000", ("altitude_m",)) == "at altitude = 3000"
     assert readable_text("is \u00b1 1.51e-09 W, of 1e+09 W", ()) == "is \u00b1 1.51 × 10⁻⁹ W, of 1 × 10⁹ W"
+    minus = readable_text("scores -1.02 dB (-2.2 to -0.1) on 2026-11-28 by Sentinel-1, bounds [-1, 3]", ())
+    assert minus == "scores −1.02 dB (−2.2 to −0.1) on 2026-11-28 by Sentinel-1, bounds [−1, 3]"
     assert readable("walking_speed_km_h") == "walking speed km h"
     altitude = ContinuousFactor("altitude_m", 1000.0, 3000.0, "m")
     assert axis_label(altitude) == "altitude [m]"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import TypeAlias
@@ -168,7 +169,8 @@ def _grey_data(image: ImagePanel, index: int, factor: int) -> PanelData:
 
 
 def _score(image: ImagePanel, unit: str) -> str:
-    return with_unit(format_plus_minus(image.score, image.score_se), unit)
+    # A function of the user's that tells no standard error is not exact.
+    return with_unit(format_plus_minus(image.score, image.score_se or math.nan), unit)
 
 
 def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:

@@ -369,7 +369,7 @@ def _rests(spec: CampaignSpec, analysis: Analysis, rests: Mapping[str, Mapping[s
         parts = listing([f"{format_percent(round(share, 6))} {status}" for status, share in shares.items()])
         yield Paragraph(f"Table values used at these settings, by scored area: {parts}.")
     if analysis.confirmation is not None:
-        yield Paragraph(analysis.confirmation.text)
+        yield Paragraph(readable_text(analysis.confirmation.text, ()))
 
 
 def _made(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[Paragraph, ...]:
