@@ -93,7 +93,8 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     """One line per interim analysis, on stderr: score, half-width against its target, conditions not met."""
     decision = analysis.decision
     name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
-    missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
+    words = {"guess": "better than the map" if analysis.known_map else "better than a guess"}
+    missing = [words.get(one.name, one.name.replace("_", " ")) for one in decision.checks if one.holds is not True]
     rest = "stop rule met" if decision.held else f"not met: {', '.join(missing)}" if missing else "to be confirmed"
     mean = with_unit(format_significant(analysis.optimum.mean, 3), analysis.score_unit)
     stop = spec.stop_of(analysis.application)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.cli.notebook import Campaign as Notebook
 from seqrsm.cli.show_fit import show_look
+from seqrsm.decide.stopping import Check
 from seqrsm.report.sections.data import question_section
 
 pytestmark = pytest.mark.usefixtures("few_draws")
@@ -150,3 +152,14 @@ def test_check_judges_the_targets_of_each_application(tmp_path: Path) -> None:
     assert "No problems found." in seqrsm("check", tmp_path)
     toml.write_text(toml.read_text("utf-8").replace("loss = 1.0", "loss = 0.001"), "utf-8")
     assert "Warning: cover: 30 runs are not expected to reach the targets." in seqrsm("check", tmp_path)
+
+
+def test_an_interim_line_says_what_the_score_is_held_against(campaign: Path, capsys) -> None:
+    """It said "not met: guess", also beside an existing map."""
+    made = Campaign.open(limited(campaign, 2.0))
+    analysis = made.analyse_all(n_draws=1000)[0]
+    failed = replace(analysis.decision, held=False, checks=(Check("guess", False, ""), Check("pure_error", False, "")))
+    for known_map, what in ((False, "a guess"), (True, "the map")):
+        show_look(made.spec, replace(analysis, decision=failed, known_map=known_map))
+        assert f"not met: better than {what}, pure error" in " ".join(capsys.readouterr().err.split())
+    made.store.close()
