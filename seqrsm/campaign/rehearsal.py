@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seqrsm.analysis.conclude import LOOK_DRAWS, analyse, stop_rule
-from seqrsm.analysis.ground import Ground
+from seqrsm.analysis.ground import Ground, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import evidence
@@ -187,13 +187,21 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
         counted = [round(one * trials / 100.0) for one in scores]
         return [NewScore(name, 100.0 * n / trials, n=trials, correct=n, metadata=of_guess) for n in counted]
 
-    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=LOOK_DRAWS, ground=known.fitted.ground)
+    at, ground = known.optimum.point[None, :], known.fitted.ground
+    part = known.fitted.ground_share
+    if ground is not None:  # measured anew, of runs that scatter as this truth's do
+        draws = generator(spec.seed, 0, "rehearsal: ground")
+        shape = (ground.n_worlds, ground.n_simulations // ground.n_worlds)
+        own, common = draws.standard_normal(shape), draws.standard_normal((ground.n_worlds, 1))
+        scatter = truth.sd(at) * (np.sqrt(part) * common + np.sqrt(1.0 - part) * own)
+        ground = ground_of_scores(to_score(truth.mean(at), 1.0, scatter))
+    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=LOOK_DRAWS, ground=ground)
     best = analysis.optimum
     at = best.point[None, :]
     mean, sd = truth.mean(at), np.hypot(truth.sd(at), truth.of_day)
     future = to_score(mean, 1.0, sd * rng.standard_normal((400, 1)))
     # Flights of one day, over one ground: its part of the scatter is theirs in common.
-    share = (truth.of_day / sd) ** 2 if truth.of_day else analysis.fitted.ground_share
+    share = (truth.of_day / sd) ** 2 if truth.of_day else part
     common, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
     several = np.mean(to_score(mean, 1.0, sd * (np.sqrt(share) * common + np.sqrt(1.0 - share) * chance)), axis=1)
     # What the ends of the scale keep from the scatter moves the mean.
