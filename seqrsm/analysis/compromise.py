@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -151,6 +151,8 @@ class CompromiseEstimate:
         Settings that no other setting beats in every objective, from a cover of the region.
     front_values : ndarray (f, objectives)
         Estimated values there.
+    levels : dict
+        Probability of each level of each categorical factor; empty without draws.
     """
 
     point: FloatArray
@@ -162,6 +164,7 @@ class CompromiseEstimate:
     given_up: tuple[GivenUp, ...]
     front_settings: tuple[dict[str, float | str], ...]
     front_values: FloatArray
+    levels: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """The compromise as a JSON document."""
@@ -171,6 +174,7 @@ class CompromiseEstimate:
             "expected_shortfall": self.expected_shortfall,
             "level": self.level,
             "settings_credible": {name: {"low": i.low, "high": i.high} for name, i in self.credible.items()},
+            "levels": self.levels,
             "given_up": [fields_to_json(row) for row in self.given_up],
             "pareto_front": [
                 {"settings": settings, "values": values}
@@ -300,9 +304,12 @@ def compromise(
     point = climb(lambda points: merit(at(points)), region, cover, rng, merit(means), _RADII)[0]
     draw_points, shortfall, losses_of_draws = _draws(objectives, cover, point, merit)
     tail = [0.5 * (1.0 - level), 1.0 - 0.5 * (1.0 - level)]
-    credible = {}
+    credible, levels = {}, {}
     for factor, column in zip(region.factors, draw_points.T, strict=True) if len(draw_points) else ():
-        if not isinstance(factor, CategoricalFactor):
+        if isinstance(factor, CategoricalFactor):
+            shares = np.mean(np.abs(column[:, None] - factor.coded_levels) < 1e-6, axis=0)
+            levels[factor.name] = dict(zip(factor.levels, shares.tolist(), strict=True))
+        else:
             credible[factor.name] = Interval(*central_range(factor, column, tail[0]))
     here = at(point[None, :])[0]
     rows = []
@@ -348,6 +355,7 @@ def compromise(
         given_up=tuple(rows),
         front_settings=tuple(region.decode(cover[front])),
         front_values=means[front],
+        levels=levels,
     )
 
 

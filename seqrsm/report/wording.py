@@ -371,11 +371,16 @@ def setting_range_text(analysis: Analysis, factor: Factor) -> str:
     """Return the credible interval of an optimal setting, or the probabilities of the levels."""
     shares = level_probabilities(analysis, factor)
     if shares:
-        ordered = sorted(shares.items(), key=lambda item: -item[1])
-        return ", ".join(f"{level}: {format_share(share)}" for level, share in ordered if share >= 0.005)
+        return shares_text(shares)
     posterior, spread = setting_posterior(analysis, factor), setting_spread(analysis, factor)
     ends = (format_setting(factor, end, spread, unit=False) for end in (posterior.low, posterior.high))
     return " to ".join(ends)
+
+
+def shares_text(shares: Mapping[str, float]) -> str:
+    """Return the probabilities of levels, the likeliest first, without the hardly possible."""
+    ordered = sorted(shares.items(), key=lambda item: -item[1])
+    return ", ".join(f"{level}: {format_share(share)}" for level, share in ordered if share >= 0.005)
 
 
 def at_bound_text(analysis: Analysis, factor: Factor) -> str:

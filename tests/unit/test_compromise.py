@@ -22,6 +22,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.region import Region
+from seqrsm.report.sections.compromise import _setting_table
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 BOX = Region((ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0)))
@@ -144,6 +145,26 @@ def test_a_single_objective() -> None:
     alone = compromise(BOX, [Objective("x", "minimize", 1.0, lambda x: -bowl((0.2, -0.3))(x))])
     np.testing.assert_allclose(alone.point, [0.2, -0.3], atol=0.02)
     assert alone.given_up[0].given_up == pytest.approx(0.0, abs=0.02)
+
+
+def test_how_likely_each_level_is_the_compromise_of_the_true_surfaces() -> None:
+    """Of 100 draws 30 have the larger score at v, whose cost is the same: the report told no probability of either."""
+    region = Region((ContinuousFactor("a", -1.0, 1.0), CategoricalFactor("c", ("u", "v"))))
+    ahead = np.where(np.arange(100) < 30, 1.0, -1.0)
+    of_v = region.code([{"a": 0.0, "c": "v"}])[0, 1]
+
+    def score(x: np.ndarray) -> np.ndarray:
+        return 80.0 - x[:, 0] ** 2 - 0.4 * (x[:, 1] == of_v)
+
+    def draws(x: np.ndarray) -> np.ndarray:
+        return 80.0 - x[:, 0] ** 2 + ahead[:, None] * (x[:, 1] == of_v)
+
+    found = compromise(region, [Objective("x", "maximize", 1.0, score, draws)])
+    assert found.settings["c"] == "u"
+    assert found.levels == {"c": {"u": pytest.approx(0.7), "v": pytest.approx(0.3)}}
+    assert found.to_json()["levels"] == found.levels
+    texts = [[getattr(cell, "text", cell) for cell in row] for row in _setting_table(region, found).rows]
+    assert texts[1][2] == "u: 70 %, v: 30 %".replace(" %", "\u00a0%")
 
 
 def test_discrete_and_constrained_regions() -> None:

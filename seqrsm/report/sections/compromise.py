@@ -34,6 +34,7 @@ from seqrsm.report.wording import (
     listing,
     number_cell,
     setting_phrases,
+    shares_text,
     shortened,
     told_settings,
     with_unit,
@@ -119,6 +120,8 @@ def _setting_table(region: Region, found: CompromiseEstimate) -> Table:
             spread = spreads[factor.name]
             parts = (format_setting(factor, end, spread, unit=False) for end in (interval.low, interval.high))
             ends = " to ".join(parts)
+        elif factor.name in found.levels:
+            ends = shares_text(found.levels[factor.name])
         rows.append((axis_label(factor), told[factor.name], ends))
     columns = ("Factor", right("Setting"), f"{level_text(found.level)} credible interval")
     return table("Settings of the compromise", columns, rows)
