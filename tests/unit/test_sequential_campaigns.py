@@ -589,9 +589,9 @@ def test_what_the_process_asks_for_again_has_the_settings_that_were_made(campaig
 def test_equal_scores_promise_no_gain(campaign) -> None:
     """A share of an expected loss or of a width is of nothing: neither is known."""
     made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 90"), lambda *_: 50.0)
-    made.propose()
+    made.propose(source="simulation")
     made.simulate()
-    told = {run.why for run in made.propose(4)}
+    told = {run.why for run in made.propose(4, source="simulation")}
     assert told == {"all scores so far are equal, so no settings are known to be better than others"}
 
 
