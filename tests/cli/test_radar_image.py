@@ -394,7 +394,7 @@ def test_pixels_finer_than_the_cells_are_told(campaign):
     cell = load_scene(folder / "scene.npz").cell_m
     save_scene(dataclasses.replace(load_scene(folder / "scene.npz"), cell_m=30.0, bounds=None), folder / "scene.npz")
     notes = json.loads(call("image", folder, "--out", folder / "i.npz", "--json").stdout)["notes"]
-    assert any("nothing smaller than its cells of 30 m, so pixels of 24.4" in note for note in notes)
+    assert any("nothing smaller than its cells of 30 m, so pixels of 24.5 m" in note for note in notes)
     assert "pixels finer than the ground at 4 of 6 settings" in " ".join(call("check", folder).stdout.split())
     assert cell <= 10.0
 
