@@ -78,10 +78,16 @@ def ground_of_scores(scores: ArrayLike) -> Ground:
     y = np.asarray(scores, dtype=np.float64)
     *groups, worlds, m = y.shape
     n_worlds = math.prod(groups) * worlds
-    within = float(np.mean(np.var(y, axis=-1, ddof=1)))
-    total = float(np.mean(np.var(np.mean(y, axis=-1), axis=-1, ddof=1))) + within * (1.0 - 1.0 / m)
+    of_means, within = _variances(y)
+    total = of_means + within * (1.0 - 1.0 / m)
     share = _share(total, n_worlds - math.prod(groups), within, n_worlds * (m - 1))
     return Ground(float(np.sqrt(max(total - within, 0.0))), float(np.sqrt(within)), n_worlds, y.size, share)
+
+
+def _variances(scores: FloatArray) -> tuple[float, float]:
+    """Variance of the means of a world's occasions, and in worlds, of scores (..., worlds, occasions); 0 of one."""
+    within = float(np.mean(np.var(scores, axis=-1, ddof=1))) if scores.shape[-1] > 1 else 0.0
+    return float(np.mean(np.var(np.mean(scores, axis=-1), axis=-1, ddof=1))), within
 
 
 def _share(total: float, df: int, chance: float, df_chance: int) -> float:
@@ -136,10 +142,8 @@ def future_sd(scores: FloatArray, runs: float) -> float:
     ``scores`` (worlds, occasions): the variance of means of a world's occasions is the ground's and a share of chance;
     with another number of occasions the share changes by what the scores within worlds tell.
     """
-    of_means = float(np.var(scores.mean(axis=1), ddof=1))
-    occasions = scores.shape[1]
-    within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
-    return math.sqrt(max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs))
+    of_means, within = _variances(scores)
+    return math.sqrt(max(of_means + within * (1.0 / runs - 1.0 / scores.shape[1]), within / runs))
 
 
 def future_sds(scores: FloatArray, runs: float) -> FloatArray:
@@ -150,13 +154,14 @@ def future_sds(scores: FloatArray, runs: float) -> FloatArray:
     """
     worlds, occasions = scores.shape
     parts, df = _middles(_FUTURE_PARTS), worlds * (occasions - 1)
-    of_means = float(np.var(scores.mean(axis=1), ddof=1)) * (worlds - 1) / chdtri(worlds - 1, parts)
+    of_means, within = _variances(scores)
+    whole = of_means * (worlds - 1) / chdtri(worlds - 1, parts)
     if not df:
-        return np.asarray(np.sqrt(of_means))
-    within = float(np.mean(np.var(scores, axis=1, ddof=1))) * df / chdtri(df + 2, parts)[:, None]
-    ground = of_means - within / occasions
+        return np.asarray(np.sqrt(whole))
+    chance = within * df / chdtri(df + 2, parts)[:, None]
+    ground = whole - chance / occasions
     possible = ground >= 0.0 if (ground >= 0.0).any() else np.ones_like(ground, dtype=np.bool_)
-    return np.asarray(np.quantile(np.sqrt(np.maximum(ground, 0.0) + within / runs)[possible], parts))
+    return np.asarray(np.quantile(np.sqrt(np.maximum(ground, 0.0) + chance / runs)[possible], parts))
 
 
 def sds_of_levels(

@@ -48,13 +48,13 @@ _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
 _ROUGHNESS_DECADES: Final = 0.2
 """Standard deviation of the logarithm, base 10, of the rms height between fields of one ground (assumed)."""
-_USUAL_SOIL_DB: Final = (1.42, 1.10, 1.42)  # spread of fields of bare soil, of which that is a part: HH, HV, VV
+_ROUGHNESS_NOTE: Final = (
+    f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
+    "angle, alike in all bands and on all dates (computed: baghdadi16)"
+)
 _UNKNOWN_SD_DB: Final = 2.0
 _SOIL, _LEVEL_DEG = "Bareground", 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
-_ROUGHNESS_SHARE: Final[FloatArray] = (
-    _ROUGHNESS_DECADES * soil_response_baghdadi16(math.radians(_LEVEL_DEG))[1] / np.array(_USUAL_SOIL_DB)
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,7 @@ class Sigma0Table:
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
-            roughness_share=_ROUGHNESS_SHARE[POLARIZATIONS.index(channel)] * np.array([found[n].soil for n in names]),
+            roughness_share=_roughness_share(channel) * np.array([found[n].soil for n in names]),
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
@@ -408,10 +408,12 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 
-_ROUGHNESS_NOTE: Final = (
-    f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
-    "angle, alike in all bands and on all dates (computed: baghdadi16)"
-)
+@lru_cache(maxsize=len(POLARIZATIONS))
+def _roughness_share(channel: str) -> float:
+    """Part of the shipped spread of fields of bare soil that is owed to their roughness, at 40 deg."""
+    _, by_height = soil_response_baghdadi16(math.radians(_LEVEL_DEG))
+    spread = _shipped_table().variability[_SOIL, channel].field_sd_db[0]
+    return float(_ROUGHNESS_DECADES * by_height[POLARIZATIONS.index(channel)] / spread)
 
 
 def _variability_of(row: Row) -> Variability:
