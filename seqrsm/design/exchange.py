@@ -253,28 +253,31 @@ def _exchange(
     value = task.value(Z)
     if not np.isfinite(value):
         return value
-    moved = True
     for _ in range(_MAX_PASSES):
-        before = value
+        before, moved = value, True
         for i in range(len(points)):
             if moved:
                 D = np.linalg.inv(task.precision + Z.T @ Z)
-                P = rows @ D
-                d_n = np.einsum("ij,ij->i", P, rows)
+                if i == 0:  # later it is kept up, which is less work
+                    d_n = np.einsum("ij,ij->i", rows @ D, rows)
                 if task.weight is not None:
                     E = D @ task.weight @ D
-                    Q = rows @ E
-                    e_n = np.einsum("ij,ij->i", Q, rows)
-            d_o, d_no = float(Z[i] @ D @ Z[i]), P @ Z[i]
+                    e_n = np.einsum("ij,ij->i", rows @ E, rows)
+            D_o = D @ Z[i]
+            d_o, d_no = float(Z[i] @ D_o), rows @ D_o
             ratio = (1.0 - d_o) * (1.0 + d_n) + d_no**2
             gains, least = ratio - 1.0, 1e-9
             if task.weight is not None:
-                fall = (1.0 - d_o) * e_n + 2.0 * d_no * (Q @ Z[i]) - (1.0 + d_n) * float(Z[i] @ E @ Z[i])
+                E_o = E @ Z[i]
+                fall = (1.0 - d_o) * e_n + 2.0 * d_no * (rows @ E_o) - (1.0 + d_n) * float(Z[i] @ E_o)
                 gains = np.where(ratio > 1e-9, fall / np.maximum(ratio, 1e-9), -np.inf)
                 least *= float(np.exp(-before))
             best = first_of_largest(gains)
             moved = bool(gains[best] > least)
             if moved:
+                d_nb = rows @ (D @ rows[best])
+                fall_d = (1.0 - d_o) * d_nb**2 + 2.0 * d_no[best] * d_no * d_nb - (1.0 + d_n[best]) * d_no**2
+                d_n = d_n - fall_d / ratio[best]
                 Z[i], points[i] = rows[best], candidates[best]
         value = task.value(Z)
         if not value > before + pass_gain:

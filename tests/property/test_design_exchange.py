@@ -53,6 +53,31 @@ def test_no_single_move_improves_a_mixed_design(criterion):
 
 
 @pytest.mark.parametrize("weighted", [False, True])
+def test_rows_are_exchanged_as_by_trying_each(weighted, monkeypatch) -> None:
+    """Against the determinant, or the trace, of every design that differs by one row."""
+    model, region = MODEL, Region(MIXED)
+    monkeypatch.setattr(exchange, "_MAX_PASSES", 2)
+    candidates = region.candidates(3)
+    rows, rng = model.matrix(candidates), np.random.default_rng(5)
+    weight = region_moments(model, region) if weighted else None
+    task = exchange.Task(model.p + 5, 1e-2 * np.eye(model.p), weight)
+    points = candidates[rng.choice(len(candidates), task.n)]
+    tried = points.copy()
+    for _ in range(2):
+        for i in range(task.n):
+            before = task.value(model.matrix(tried))
+            values = []
+            for candidate in candidates:
+                other = tried.copy()
+                other[i] = candidate
+                values.append(task.value(model.matrix(other)))
+            if max(values) > before + 1e-9:
+                tried[i] = candidates[int(np.argmax(np.array(values) > max(values) - 1e-9))]
+    exchange._exchange(points, model.matrix(points), candidates, rows, task, -np.inf)
+    np.testing.assert_array_equal(points, tried)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
 def test_the_slope_of_the_loss_is_that_of_differences(weighted) -> None:
     region, points = Region(MIXED), start_design(MODEL, Region(MIXED), 24, seed=2)
     points[:, [0, 3]] = np.clip(points[:, [0, 3]], -0.8, 0.8)
