@@ -43,6 +43,17 @@ def test_equal_looks_everywhere_are_no_range(looks, says):
     assert "12300 looks;" in picture_of(replace(image, looks=np.full_like(image.looks, 12345.0))).remark
 
 
+@pytest.mark.parametrize(("side_m", "told"), [(3000.0, False), (6000.0, True)])
+def test_what_a_classifier_is_not_given_of_a_wide_swath_is_told(side_m, told):
+    image = quiet(scene(np.zeros((round(side_m / 50.0), 20)), 50.0), radar(resolution_m=100.0, looks=None))
+    # Of flat ground about 45 deg, at rows half a cell from the edges.
+    away = image.radar.altitude_m + (0.5 * side_m - 50.0) * np.array([-1.0, 1.0])
+    spans = np.degrees(np.arctan(away / image.radar.altitude_m))
+    assert np.ptp(image.incidence_angle_deg) == pytest.approx(np.ptp(spans), abs=0.5)
+    assert (np.ptp(spans) > 20.0) == told
+    assert any("do not know the incidence angle" in note for note in image.notes) == told
+
+
 def test_grey_tones_are_those_of_the_ground_and_not_of_noise_around_it():
     """A strong radar's noise lies 40 dB under the ground; where the scene has none the picture is black."""
     cover = np.zeros((120, 120), dtype=np.uint8)

@@ -361,16 +361,24 @@ def tops_counted_twice(frame: RadarFrame) -> list[str]:
     return [f"heights counted twice: {what}; {remedy}"]
 
 
+_WIDE_DEG = 20.0
+"""By it crops gain -0.1 points over 12 deg, 0.2 over 18, 1.1 over 25, 3.1 over 46, in 16 worlds."""
+
+
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:
     """Assumptions of the engine that matter for this image."""
     least, sag_m = float(looks.min()), frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
-    near, far = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
+    edges = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]]
+    near, far = edges * radar.azimuth_beamwidth_rad
+    steep, flat = np.degrees(range_geometry(edges, frame.height_m, frame.curved).incidence_rad)
     rotated = not frame.wrapped and frame.cell_of_scene is not None
     both = " and ".join(radar.pair)
     but = f", but for {both}, whose phase is known" if PHASE in radar.channels else ""
     notes = {
         f"fading is correlated over the resolution cell and independent between channels{but}": radar.finer_pixels,
         f"fading is independent between pixels and between channels{but}": not radar.finer_pixels,
+        f"classifiers do not know the incidence angle, which spans more than {_WIDE_DEG:g} deg: crops score 1 percent "
+        "lower over 25 deg, 3 over 45": flat - steep > _WIDE_DEG,
         "ground outside the scene returns nothing": frame.wrapped,
         "ground outside the scene is its mirror image": not frame.wrapped,
         f"{both} are used by their powers; channel 'phase' would add the phase between them": (
