@@ -12,8 +12,9 @@ band the course is linear in the logarithm of frequency; X and Ku bands follow C
 (assumed). A radiometer sees the same canopy.
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
-late (`data/calendar_fields.csv`). All dates see the same draw of them. All this is of Europe: elsewhere it may come
-some days later, and covers may have a course of the user's own.
+late (`data/calendar_fields.csv`). All dates see the same draw of them. Where crops leave soil bare, nothing but their
+mean course tells one from the other: they depart from it as one soil, and differ between fields alike. All this is of
+Europe: elsewhere it may come some days later, and covers may have a course of the user's own.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 from seqrsm.scattering.readers import COVER, Row, shipped_rows
-from seqrsm.scattering.worlds import World, course_deviation, default_mean_sd
+from seqrsm.scattering.worlds import BARE_SOIL, World, course_deviation, default_mean_sd, over_soil
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -49,6 +50,12 @@ _HELD_DEG: Final = (20.0, 60.0)
 _TILT_DB_PER_DEG: Final = 0.28  # bare soil falls by 0.4 dB a degree, a closed canopy by 0.12
 _CANOPY_LEAST: Final = 0.3  # of the level: more is not laid on the soil
 _C_SD_DB, _CEREAL_SD_DB, _X_SD_DB = (1.0, 1.2), 2.0, 2.5
+_BARE_FIELDS_DB: Final = (1.9, 1.6)
+"""HH and VV, HV: maize, soybean, sunflower, barley and wheat of western France, lasting and seasonal.
+
+Of the whole year, canopies and all, but over 5 degrees of latitude: assumed to hold for bare fields of one scene in all
+bands. Potato parcels of Flevoland, bare or ridged, have 2 to 3.4 dB.
+"""
 _OCTAVE: Final = 2.0  # beyond its nodes a user's course is held so far, and not known further
 _AS_ASSUMED: Final = "Vegetables"  # how fields of a cover that is not in the shipped calendar keep theirs
 _EVEN_DAYS: Final[FloatArray] = np.full(DAYS.size, 1.0 / DAYS.size)
@@ -89,24 +96,32 @@ class Course:
         Backscatter of the day at 40 degrees less the table's level [dB].
     tilt_db_per_deg : float64 array (n_categories, 365)
         What a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and 60.
-    spread : float64 array (n_categories, 365)
-        Factor of the standard deviation between fields: 1 where a canopy is closed, 2 over bare soil (assumed).
+    closed : float64 array (n_categories, 365)
+        Share of the soil that is hidden, 1 of covers without a course.
     sd_db : float64 array (n_categories, 365)
         Standard deviation of the course about that of a given ground [dB].
     lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
         See `Fields`.
     even : bool array (n_categories,)
         Covers without a course.
+    bare_field_sd_db : float
+        Standard deviation between fields of bare soil, whatever their crop [dB].
     """
 
     change_db: FloatArray
     tilt_db_per_deg: FloatArray
-    spread: FloatArray
+    closed: FloatArray
     sd_db: FloatArray
     lasting_share: FloatArray
     memory_days: FloatArray
     shift_days: FloatArray
     even: FloatArray
+    bare_field_sd_db: float
+
+    def field_sd_db(self, season_db: FloatArray, day: float) -> FloatArray:
+        """Standard deviation between fields on a day [dB], (n_categories,), from that under closed canopies."""
+        closed = on_day(self.closed, day)
+        return np.asarray(closed * season_db + (1.0 - closed) * self.bare_field_sd_db)
 
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
@@ -177,29 +192,38 @@ class Calendar:
     ) -> Course:
         """Course of the backscatter of categories through the year, departing as in a world.
 
-        ``kin``: class by category, as of `World.departure`. ``level_db`` (n_categories,) and ``soil_db``: the table's
-        sigma0 of them and of bare soil at 40 degrees [dB]. ScatteringDataError tells of categories without a calendar,
-        or without rows in the user's.
+        ``kin``: class by category, and of bare soil, as of `World.departure`. ``level_db`` (n_categories,) and
+        ``soil_db``: the table's sigma0 of them and of bare soil at 40 degrees [dB]. ScatteringDataError tells of
+        categories without a calendar, or without rows in the user's.
         """
         rows, cross = self._fields(categories), int(channel == "HV")
         years = np.empty((4, len(rows), DAYS.size))
         for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
-            tilt, spread, days, late, sd = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days, 0.0
+            tilt, closed, days, late, sd = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days, 0.0
             if name in self.own:
                 change, sd = self._of_own(name, frequency_ghz, channel)
                 days, late = _EVEN_DAYS, 0
             else:
                 change = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
                 if row.group != "even":
-                    cover, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
-                    tilt, spread = -_TILT_DB_PER_DEG * (cover[_FLIGHTS].mean() - cover), 2.0 - cover
+                    closed, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
+                    tilt = -_TILT_DB_PER_DEG * (closed[_FLIGHTS].mean() - closed)
             if world is not None:
-                change = change + sd * world.season(name, kin[name], frequency_ghz, channel, days)
-            years[:, k] = np.roll([change, tilt, spread, sd * course_deviation(days)], late, axis=1)
+                own, soil = (world.season(one, kin[one], frequency_ghz, channel, days) for one in (name, BARE_SOIL))
+                change = change + sd * over_soil(own, soil, closed, kin[name] == kin[BARE_SOIL] != "")
+            years[:, k] = np.roll([change, tilt, closed, sd * course_deviation(days)], late, axis=1)
         even = np.array([row.group == "even" for row in rows])
         kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days) for row in rows]
         lasting, memory, shift = np.array(kept).reshape(-1, 3).T
-        return Course(years[0], years[1], years[2], years[3], lasting, memory, shift, even)
+        bare_sd = _BARE_FIELDS_DB[cross] * (world.field_factor(BARE_SOIL) if world is not None else 1.0)
+        return Course(years[0], years[1], years[2], years[3], lasting, memory, shift, even, bare_sd)
+
+    def closed(self, category: str, day: float) -> float:
+        """Share of the soil that a cover hides on a day; 1 where even, or with a user's course."""
+        (row,) = self._fields((category,))
+        if category in self.own or row.group == "even":
+            return 1.0
+        return float(on_day(_canopy(category)[1], day - self.late_days))
 
     def canopy_share(self, category: str, day: float) -> float:
         """Water of a cover's canopy on a day over that of the growing season; 1 where even, or with a user's course."""
@@ -366,9 +390,8 @@ def _c_band_db(category: str, channel: str) -> FloatArray:
 def _sd_db(group: str, frequency_ghz: float, cross: int) -> float:
     """Standard deviation of a cover's course about that of a given ground [dB].
 
-    What sites differ by in C band. Assumed: the same in L band, where bare fields also share the error of the soil,
-    which a world draws with the soil's level (water clouds leave 1.6 to 3.3 dB of SMAPVEX12's fields, but fields of one
-    crop and day differ by as much); 2.5 dB in X band and above.
+    What sites differ by in C band. Assumed: the same in L band (water clouds leave 1.6 to 3.3 dB of SMAPVEX12's fields,
+    but fields of one crop and day differ by as much); 2.5 dB in X band and above.
     """
     at_c = _CEREAL_SD_DB if group == "cereal" else _C_SD_DB[cross]
     return float(np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ]), [at_c, _X_SD_DB]))

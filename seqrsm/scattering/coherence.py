@@ -19,12 +19,11 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.readers import shipped_rows
-from seqrsm.scattering.worlds import World, drawn_by_frequency
+from seqrsm.scattering.worlds import BARE_SOIL, World, drawn_by_frequency
 
 FIELD_SD: Final = 0.08
 """Standard deviation of either part between fields of a cover: whole fields of the L-band flight over Flevoland."""
 
-_SOIL: Final = "Bareground"
 _DRIFT: Final = 0.017
 """Variance of either part in an octave: six crops differ by 0.24 rms from L to C band, two grounds by 0.14."""
 _BESIDE_OCTAVES: Final = 0.1  # so near a node what it rests on holds
@@ -94,7 +93,7 @@ def coherence(
         if world is not None:
             mean[k] += sd[k] * complex(*_departure(world.seed, world.numbers(name)[1], name, frequency_ghz))
     if np.any(np.asarray(closed) < 1.0):
-        mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((_SOIL,), frequency_ghz, world, 1.0, own).mean
+        mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((BARE_SOIL,), frequency_ghz, world, 1.0, own).mean
     return Coherence(limited(mean), sd, tuple(status), tuple(notes))
 
 

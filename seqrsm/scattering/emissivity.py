@@ -33,7 +33,7 @@ from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, 
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_covers
-from seqrsm.scattering.worlds import World, default_mean_sd
+from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
 """Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
@@ -271,8 +271,11 @@ class EmissivityTable:
         sds = np.array([spread[:, 0], spread[:, 1], mean_sd])
         of_fields, of_dates, of_means = np.minimum(sds / np.maximum(nadir, 1e-9), 1.0)
         if self.world is not None:
-            away = [own * self.world.departure(n, "", f, polarization) for n, own in zip(names, of_means, strict=True)]
-            value = [departed(own, off) for own, off in zip(value, away, strict=True)]
+            soil = self.world.departure(BARE_SOIL, "", f, polarization)
+            for k, name in enumerate(names):
+                closed = 1.0 if day is None else self.calendar.closed(name, day)
+                shown = over_soil(self.world.departure(name, "", f, polarization), soil, closed, kin=False)
+                value[k] = departed(value[k], of_means[k] * shown)
             of_fields = of_fields * [self.world.field_factor(name) for name in names]
         return EmissivityLookup(
             categories=names,

@@ -35,7 +35,7 @@ from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.models import soil_response_baghdadi16
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import World, default_mean_sd
+from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -53,7 +53,7 @@ _ROUGHNESS_NOTE: Final = (
     "angle, alike in all bands and on all dates (computed: baghdadi16)"
 )
 _UNKNOWN_SD_DB: Final = 2.0
-_SOIL, _LEVEL_DEG = "Bareground", 40
+_LEVEL_DEG = 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
 
 
@@ -222,12 +222,8 @@ class Sigma0Table:
         sd = np.array([found[name].mean_sd_db for name in names])
         through = None
         if day is not None:
-            soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
-            bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
-            kin = {name: item.kin for name, item in found.items()}
-            through = self.calendar.course(names, kin, frequency, channel, value[:, _LEVEL_DEG], bare, self.world)
-            value = value + through.at_angles(day, THETA_DEG)
-            sd = np.hypot(sd, on_day(through.sd_db, day))
+            still = for_each(names, lambda name: _evaluate(self._curve(name, season), channel, state, None))
+            value, sd, through = self._on_day(names, still, channel, state, day)
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
@@ -252,6 +248,29 @@ class Sigma0Table:
             ),
             course=through,
         )
+
+    def _on_day(
+        self, names: tuple[str, ...], found: Mapping[str, _Found], channel: str, state: _State, day: float
+    ) -> tuple[FloatArray, FloatArray, Course]:
+        """Values (n, 91) [dB] and standard deviations (n,) of means on a day, from those of no world, and the course.
+
+        A world departs from them by the part of covers that are closed, and of bare soil.
+        """
+        curve = self.curves.get((BARE_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[BARE_SOIL, DEFAULT_SEASON]
+        soil, ghz = _evaluate(curve, channel, state, None), state.frequency_ghz
+        kin = {name: item.kin for name, item in found.items()} | {BARE_SOIL: soil.kin}
+        value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
+        bare_db = float(soil.value_db[_LEVEL_DEG])
+        through = self.calendar.course(names, kin, ghz, channel, value[:, _LEVEL_DEG], bare_db, self.world)
+        closed = on_day(through.closed, day)
+        sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
+        value = value + through.at_angles(day, THETA_DEG)
+        if self.world is not None:
+            of_soil = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
+            for k, name in enumerate(names):
+                own, akin = self.world.departure(name, kin[name], ghz, channel), kin[name] == soil.kin != ""
+                value[k] += sd[k] * over_soil(own, of_soil, closed[k], akin)
+        return value, np.hypot(sd, on_day(through.sd_db, day)), through
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))
@@ -412,7 +431,7 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
 def _roughness_share(channel: str) -> float:
     """Part of the shipped spread of fields of bare soil that is owed to their roughness, at 40 deg."""
     _, by_height = soil_response_baghdadi16(math.radians(_LEVEL_DEG))
-    spread = _shipped_table().variability[_SOIL, channel].field_sd_db[0]
+    spread = _shipped_table().variability[BARE_SOIL, channel].field_sd_db[0]
     return float(_ROUGHNESS_DECADES * by_height[POLARIZATIONS.index(channel)] / spread)
 
 

@@ -105,7 +105,7 @@ def test_between_l_and_c_band_a_course_is_part_a_water_cloud_over_soil(frequency
         in_c = TABLE.lookup([name], 5.4, "VV", day=150).course.change_db[0]
         wanted = share * in_c + (1.0 - share) * 10.0 * np.log10(cloud)
         np.testing.assert_allclose(found.change_db[k], wanted, atol=1e-9)
-        np.testing.assert_allclose(found.spread[k], 2.0 - np.interp(DAYS, day, cover, period=365))
+        np.testing.assert_allclose(found.closed[k], np.interp(DAYS, day, cover, period=365))
 
 
 def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
@@ -129,17 +129,50 @@ def test_worlds_differ_in_the_course_as_its_error_says():
     np.testing.assert_allclose(draws.mean(axis=0), own.change_db[:, 149], atol=0.45)
 
 
+@pytest.mark.parametrize("frequency", [1.25, 2.6, 5.4, 9.6])
 @pytest.mark.parametrize("channel", ["HH", "HV"])
-def test_l_band_departs_by_what_is_told_and_bare_fields_by_the_error_of_one_soil(channel):
-    """In January neither maize nor vegetables stand: half of the variance of a course is all that they differ by."""
+def test_bare_fields_depart_by_the_error_of_one_soil(channel, frequency):
+    """In January neither maize nor vegetables stand, and no world tells one from the other; in July most do."""
     worlds = [TABLE.in_world(World(5, k)) for k in range(300)]
-    draws = np.array([10.0 * np.log10(at(15, channel, 1.25, table=world).sigma0[:, 40]) for world in worlds])
-    told = at(15, channel, 1.25)
-    np.testing.assert_allclose(draws.std(axis=0), told.mean_sd_db, rtol=0.35)
-    maize, vegetables = CROPS.index("Corn"), CROPS.index("Vegetables")
-    own = told.course.sd_db[maize, 14]
-    assert (draws[:, maize] - draws[:, vegetables]).std() == pytest.approx(own, rel=0.2)
-    assert own < 0.6 * draws[:, maize].std()
+    for day, apart in ((15, False), (190, True)):
+        draws = np.array([10.0 * np.log10(at(day, channel, frequency, table=world).sigma0) for world in worlds])
+        told = at(day, channel, frequency)
+        np.testing.assert_allclose(draws[:, :, 40].std(axis=0), told.mean_sd_db, rtol=0.35)
+        maize, vegetables = (draws[:, CROPS.index(name)] for name in ("Corn", "Vegetables"))
+        between = (maize - vegetables).std(axis=0)[[20, 40, 60]]
+        if apart:
+            assert (between > 0.7 * told.mean_sd_db.min()).all()
+        else:
+            np.testing.assert_allclose(between, 0.0, atol=1e-9)
+
+
+def test_two_sites_of_c_band_depart_alike_over_bare_fields_and_not_over_crops():
+    """Maize and winter wheat, western France less central Europe, Sentinel-1: from November to March both are bare."""
+    text = (DATA / "calendar_c_band.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(line for line in text.splitlines() if line[0] != "#"))
+    for channel, bare_db, crops_db in (("VV", 1.0, 2.5), ("HV", 0.5, 3.3)):
+        year = {
+            (r["category"], r["source"]): np.array([float(r[f"month_{m}_db"]) for m in range(1, 13)])
+            for r in rows if r["polarization"] == channel and r["cover"] in ("maize", "winter wheat")
+        }  # fmt: skip
+        of_crop = [year[name, "s1_france_w"] - year[name, "s1_central_europe"] for name in ("Corn", "Wheat")]
+        apart = of_crop[0] - of_crop[1]
+        assert np.sqrt(np.mean(apart[[10, 11, 0, 1, 2]] ** 2)) == pytest.approx(bare_db, abs=0.06)
+        assert np.sqrt(np.mean(apart[4:8] ** 2)) == pytest.approx(crops_db, abs=0.06)
+
+
+def test_bare_fields_differ_as_much_whatever_was_sown():
+    """By the seasonal and the lasting deviation of maize, soybean, sunflower, barley and wheat of western France."""
+    fields = {
+        "VV": ((1.46, 0.22), (1.84, 1.13), (1.77, 0.60), (1.91, 0.94), (1.74, 0.49)),
+        "HV": ((1.35, 0.46), (1.12, 1.37), (1.19, 1.00), (1.56, 0.46), (1.39, 0.75)),
+    }
+    for channel, sd_db in fields.items():
+        looked, wanted = at(15, channel), pytest.approx(np.hypot(*np.transpose(sd_db)).mean(), abs=0.05)
+        sds = dict(zip(CROPS, looked.course.field_sd_db(looked.field_sd_db, 15), strict=True))
+        assert sds["Corn"] == sds["Vegetables"] == wanted
+        summer = looked.course.field_sd_db(looked.field_sd_db, 190)
+        assert summer[CROPS.index("Vegetables")] > 1.4 * summer[CROPS.index("Corn")]
 
 
 def test_fields_of_one_crop_and_day_differ_by_what_water_clouds_leave_of_them():
@@ -159,10 +192,13 @@ def test_the_course_is_known_where_the_level_was_measured(frequency, days):
     departure = World(5, 7).season("Wheat", "crop", frequency, "VV", level_days(frequency))
     assert np.abs(departure).max() > 0.5
     assert departure[days].mean() == pytest.approx(0.0, abs=1e-12)
-    here, without = (TABLE.lookup(CROPS, 1.25, "HH", day=day).mean_sd_db for day in (186, None))
-    np.testing.assert_allclose(here, without, rtol=0.02)
-    winter = TABLE.lookup(CROPS, 1.25, "HH", day=10).mean_sd_db
-    assert (winter > without + 0.2).all()
+    level_db = TABLE.lookup(CROPS, 1.25, "HH").mean_sd_db
+    (soil_db,) = TABLE.lookup(("Bareground",), 1.25, "HH").mean_sd_db
+    here, winter = (TABLE.lookup(CROPS, 1.25, "HH", day=day) for day in (186, 10))
+    of_day = [one.course.closed[:, day - 1] for one, day in ((here, 186), (winter, 10))]
+    known, left = (closed * level_db + (1.0 - closed) * soil_db for closed in of_day)
+    np.testing.assert_allclose(here.mean_sd_db, known, rtol=0.02)
+    assert (winter.mean_sd_db > left + 0.2).all()
 
 
 def test_crops_share_part_of_their_departures_from_the_course():
@@ -316,7 +352,7 @@ def test_fields_differ_on_a_day_by_what_was_measured_on_such_days(name, frequenc
     k = CROPS.index(name)
     for day in (150.0, 184.0):
         looked = at(day, frequency=frequency)
-        told = looked.field_sd_db[k] * on_day(looked.course.spread[k], day)
+        told = looked.course.field_sd_db(looked.field_sd_db, day)[k]
         shifted = on_day(looked.course.change_db[k], day + np.random.default_rng(1).normal(0.0, 8.0, 4000)).std()
         got = field_offsets((day,), name, frequency)[0].std()
         assert 0.9 * told < got < 1.1 * np.hypot(told, shifted)
@@ -385,6 +421,7 @@ def test_a_late_year_and_a_late_field_are_looked_at_before_their_time(monkeypatc
     """Nothing else is left: offsets are what the course was so many days ago."""
     for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
         monkeypatch.setattr(occasion, name, value)
+    monkeypatch.setattr("seqrsm.scattering.calendar._BARE_FIELDS_DB", (0.0, 0.0))
     looked = at(150.0)
     looked = replace(looked, field_sd_db=np.zeros_like(looked.field_sd_db))
     fields = np.repeat(np.arange(len(CROPS), dtype=np.uint8), 50)
@@ -483,3 +520,15 @@ def test_fields_keep_their_history_over_the_new_year():
 def test_a_crop_without_course_in_c_band_is_named():
     with pytest.raises(ScatteringDataError, match=r"calendar_c_band\.csv: VV: no course in C band.*Rice"):
         _c_band_db("Rice", "VV")
+
+
+def test_bare_fields_emit_as_one_soil_in_any_world():
+    """What maize and vegetables reflect departs together in January, and each by itself in July."""
+    table, pair = load_emissivity_table(), ("Corn", "Vegetables")
+    for day, apart in ((15, False), (190, True)):
+        usual = 1.0 - table.lookup(pair, 1.4, "H", day=day).emissivity[:, 4, 40]
+        worlds = [table.in_world(World(6, k)).lookup(pair, 1.4, "H", day=day) for k in range(60)]
+        parts = np.array([(1.0 - world.emissivity[:, 4, 40]) / usual for world in worlds])
+        assert parts.std() > 0.02
+        assert (np.corrcoef(parts.T)[0, 1] < 0.8) == apart
+        assert apart or np.corrcoef(parts.T)[0, 1] > 0.999

@@ -202,7 +202,7 @@ def _dated(
     fades = over_dates(
         visit, "field backscatter", lambda name: draw.of_fields(name, category.size), course.memory_days[category]
     )
-    spread = np.square(sd * on_day(course.spread, day))
+    spread = np.square(course.field_sd_db(sd, day))
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
     for k in np.flatnonzero(course.shift_days > 0.0):
@@ -294,7 +294,7 @@ def met_occasion(
 @cached_by_thread(maxsize=1)  # asked for by look-ups and by fields
 def _related(frequency_ghz: float, table: Sigma0Table, hh: Sigma0Lookup, day: float | None) -> Coherence:
     """How HH and VV of the categories of a look-up are related on a day."""
-    closed = 1.0 if day is None or hh.course is None else 2.0 - on_day(hh.course.spread, day)
+    closed = 1.0 if day is None or hh.course is None else on_day(hh.course.closed, day)
     return coherence(hh.categories, frequency_ghz, table.world, closed, table.relations)
 
 
