@@ -33,7 +33,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 from seqrsm.scattering.readers import COVER, Row, shipped_rows
-from seqrsm.scattering.worlds import BARE_SOIL, World, course_deviation, default_mean_sd, over_soil
+from seqrsm.scattering.worlds import BARE_SOIL, World, course_deviation, default_mean_sd, over_soil, related_covers
 
 DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 """Days of the year for which a course is given."""
@@ -210,7 +210,7 @@ class Calendar:
                     tilt = -_TILT_DB_PER_DEG * (closed[_FLIGHTS].mean() - closed)
             if world is not None:
                 own, soil = (world.season(one, kin[one], frequency_ghz, channel, days) for one in (name, BARE_SOIL))
-                change = change + sd * over_soil(own, soil, closed, kin[name] == kin[BARE_SOIL] != "")
+                change = change + sd * over_soil(own, soil, closed, related_covers(kin[name], kin[BARE_SOIL]))
             years[:, k] = np.roll([change, tilt, closed, sd * course_deviation(days)], late, axis=1)
         even = np.array([row.group == "even" for row in rows])
         kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days) for row in rows]

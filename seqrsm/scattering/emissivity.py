@@ -33,7 +33,7 @@ from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, 
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, for_each, shipped_rows, unknown_covers
-from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil
+from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil, related_covers
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
 """Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
@@ -274,7 +274,7 @@ class EmissivityTable:
             soil = self.world.departure(BARE_SOIL, "", f, polarization)
             for k, name in enumerate(names):
                 closed = 1.0 if day is None else self.calendar.closed(name, day)
-                shown = over_soil(self.world.departure(name, "", f, polarization), soil, closed, kin=False)
+                shown = over_soil(self.world.departure(name, "", f, polarization), soil, closed, related_covers("", ""))
                 value[k] = departed(value[k], of_means[k] * shown)
             of_fields = of_fields * [self.world.field_factor(name) for name in names]
         return EmissivityLookup(

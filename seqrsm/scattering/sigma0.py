@@ -35,7 +35,7 @@ from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.models import soil_response_baghdadi16
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil
+from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil, related_covers
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -268,8 +268,8 @@ class Sigma0Table:
         if self.world is not None:
             of_soil = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
             for k, name in enumerate(names):
-                own, akin = self.world.departure(name, kin[name], ghz, channel), kin[name] == soil.kin != ""
-                value[k] += sd[k] * over_soil(own, of_soil, closed[k], akin)
+                own = self.world.departure(name, kin[name], ghz, channel)
+                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related_covers(kin[name], soil.kin))
         return value, np.hypot(sd, on_day(through.sd_db, day)), through
 
     def _curve(self, category: str, season: str) -> Curve:

@@ -111,14 +111,20 @@ class World:
         return self.number, self.number + _ELSEWHERE * (category in self.elsewhere)
 
 
-def over_soil(own: FloatArray, soil: FloatArray, closed: FloatArray | float, kin: bool) -> FloatArray:
-    """Standard normal departures of a cover that hides a share ``closed`` of the soil, from its own and bare soil's.
+def over_soil(
+    own: FloatArray, soil: FloatArray, closed: FloatArray | float, related: FloatArray | float = 0.0
+) -> FloatArray:
+    """Standard normal departures of covers that hide a share ``closed`` of the soil, from their own and bare soil's.
 
-    ``kin``: whether cover and soil are of one class.
+    ``related``: correlation of the two.
     """
     bare = 1.0 - np.asarray(closed)
-    related = _ALL + _KIN * kin
     return (closed * own + bare * soil) / np.sqrt(np.square(closed) + np.square(bare) + 2.0 * closed * bare * related)
+
+
+def related_covers(kin: str, other: str) -> float:
+    """Correlation of the departures of two covers of these classes."""
+    return _ALL + _KIN * (kin == other != "")
 
 
 def course_deviation(level_days: FloatArray) -> FloatArray:

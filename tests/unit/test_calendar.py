@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -532,3 +533,18 @@ def test_bare_fields_emit_as_one_soil_in_any_world():
         assert parts.std() > 0.02
         assert (np.corrcoef(parts.T)[0, 1] < 0.8) == apart
         assert apart or np.corrcoef(parts.T)[0, 1] > 0.999
+
+
+def test_weather_and_year_do_not_tell_bare_fields_of_one_crop_from_those_of_another():
+    """In January maize and vegetables depart from their courses as one, in July each by itself."""
+    pair = ("Corn", "Vegetables")
+    for day, apart_db in ((15.0, 0.0), (190.0, math.hypot(0.4, 1.0) * math.sqrt(2.0))):
+        looked = at(day, categories=pair)
+        looked = replace(looked, course=replace(looked.course, change_db=0.0 * looked.course.change_db))
+        drawn = [
+            draw_occasion(radar(), [looked], np.zeros(1, dtype=np.uint8), (0.2, 5.0), Visit((day,)), seed=8, run_id=k)
+            for k in range(300)
+        ]
+        offset = np.array([one.class_offset_db[0] for one in drawn])
+        assert offset.std(axis=0).min() > 1.0
+        assert (offset[:, 0] - offset[:, 1]).std() == pytest.approx(apart_db, rel=0.15, abs=1e-12)

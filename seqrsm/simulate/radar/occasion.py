@@ -26,6 +26,7 @@ from seqrsm.scattering.calendar import Course, on_day
 from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, circular, coherence, limited
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
+from seqrsm.scattering.worlds import over_soil
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, RadarConfiguration
@@ -118,7 +119,7 @@ def draw_occasion(
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
-    shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
+    shift of the year (weather and level are those of bare soil where a crop leaves it bare), and fields with a lasting departure, one that fades, and a shift of their own
     (`seqrsm.scattering.calendar`). The spread was measured with early and late fields in it, so what their shift
     makes of it on a day is taken off what fades. The roughness of a bare field is the same for all channels, sensors
     and dates. Layers of `TOGETHER` are left at 0.
@@ -193,10 +194,13 @@ def _dated(
     late = np.where(course.even, 0.0, year_shift_days(n, **key))
     moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
     now = on_day(course.change_db, day)
+    closed = on_day(course.closed, day)
     own = over_dates(visit, "date backscatter", lambda name: draw(name, n), FAST_DAYS)
+    soil = over_dates(visit, "date bare soil", lambda name: draw(name, 1), FAST_DAYS)
+    own = over_soil(own, soil, closed)
     common = over_dates(visit, "weather", lambda name: draw(name, 1), FAST_DAYS)
     weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
-    year = _YEAR_DB * draw("year backscatter", n)
+    year = _YEAR_DB * over_soil(draw("year backscatter", n), draw("year bare soil", 1), closed)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
     fades = over_dates(
