@@ -441,6 +441,7 @@ def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
     if not Store.exists(spec.folder, spec.store_url):
         return analyses
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
+        store.verify()
         if spec.simulator is not None:
             see_experiment(store, spec, note=False)
         for one in spec.applications:

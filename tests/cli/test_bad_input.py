@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
+import measured_campaign
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
@@ -204,3 +207,13 @@ def test_cells_wider_than_a_province(tiny) -> None:
         members = {name: archive[name] for name in archive.files} | {"cell_m": np.array(1e9)}
     np.savez(tiny / "scene.npz", **members)
     refused(seqrsm("check", tiny), "cell_m", "larger than 100000 m")
+
+
+@pytest.mark.parametrize("command", ["check", "status", "fit", "propose", "report", "rehearse"])
+def test_every_command_refuses_a_score_that_was_changed_in_the_file(command: str, tmp_path: Path) -> None:
+    folder = measured_campaign.make(
+        tmp_path / "c", measured_campaign.X + measured_campaign.FREQUENCY, measured_campaign.quadratic()
+    )
+    with closing(sqlite3.connect(folder / "campaign.db")) as base, base:
+        base.execute("UPDATE scores SET score = score + 7 WHERE run_id = 3")
+    refused(seqrsm(command, folder), "score of run 3")

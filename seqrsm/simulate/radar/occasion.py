@@ -119,10 +119,11 @@ def draw_occasion(
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
-    shift of the year (weather and level are those of bare soil where a crop leaves it bare), and fields with a lasting departure, one that fades, and a shift of their own
-    (`seqrsm.scattering.calendar`). The spread was measured with early and late fields in it, so what their shift
-    makes of it on a day is taken off what fades. The roughness of a bare field is the same for all channels, sensors
-    and dates. Layers of `TOGETHER` are left at 0.
+    shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
+    (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil. The
+    spread was measured with early and late fields in it, so what their shift makes of it on a day is taken off what
+    fades. The roughness of a bare field is the same for all channels, sensors and dates. Layers of `TOGETHER` are left
+    at 0.
 
     Parameters
     ----------
