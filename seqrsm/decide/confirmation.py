@@ -31,11 +31,6 @@ class ConfirmationInterval:
     n: int
     level: float
 
-    @property
-    def half_width(self) -> float:
-        """Half of ``high - low``."""
-        return 0.5 * (self.high - self.low)
-
 
 @dataclass(frozen=True, slots=True)
 class Agreement:

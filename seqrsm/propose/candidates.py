@@ -39,11 +39,10 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One candidate: its coded settings (k,), model row (p,), cost, gain per cost, and whether it was run already."""
+    """One candidate: its coded settings (k,), model row (p,), gain per cost, and whether it was run already."""
 
     point: FloatArray
     row: FloatArray
-    cost: float
     gain: float
     executed: bool
 
@@ -64,8 +63,7 @@ class Candidates:
 
     def choice(self, index: int, gain: float) -> Choice:
         """One of them, with its gain per cost."""
-        cost, executed = float(self.cost[index]), bool(self.executed[index])
-        return Choice(self.points[index].copy(), self.rows[index], cost, float(gain), executed)
+        return Choice(self.points[index].copy(), self.rows[index], float(gain), bool(self.executed[index]))
 
 
 class Search:
