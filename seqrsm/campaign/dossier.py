@@ -154,9 +154,10 @@ def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> t
         "se": "variance proportional to the square of their standard errors",
         "counts": "variance proportional to that of the counted number of independent decisions",
     }[spec.model.weights]
+    scale = " in percent, on the logit scale" if spec.model.response == "logit" else ""
     found = [
-        f"errors of different runs are independent, {spec.errors.words}, with {variance}"
-        + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
+        f"errors of different runs are independent, {spec.errors.words}"
+        + ("" if spec.errors.of_counts else f", with {variance}{scale}"),
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region"
         + (", or a Gaussian process about one" if weighed else ""),
     ]

@@ -14,6 +14,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import _measured_assumptions
 from seqrsm.decide.confirmation import counted_confirmation
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.weights import expected_shares, share_variance
@@ -233,3 +234,6 @@ def test_noise_floor_of_counts_is_that_of_the_beta_binomial(tmp_path):
     ends = betabinom.ppf([0.025, 0.975], n, share * of_run, (1.0 - share) * of_run)
     assert found.decision.noise_floor == pytest.approx(np.ptp(ends) / n * 50.0, rel=0.15)
     assert found.decision.noise_floor < found.optimum.prediction.half_width
+    told, *_ = _measured_assumptions(made, (found,))
+    assert "beta-binomial" in told
+    assert "equal variance" not in told  # it is that of shares: n p (1 - p) and more

@@ -11,6 +11,7 @@ from process_cases import bowl, hill, spread
 from scored_campaigns import analysed, numeric, specification
 
 from seqrsm.campaign.dossier import _measured_assumptions
+from seqrsm.fit.error_models import NORMAL
 from seqrsm.report.blocks import Table
 from seqrsm.report.sections.model import model_section
 from seqrsm.report.sections.optimum import shape_section
@@ -66,7 +67,7 @@ def test_the_condition_number_is_of_columns_of_unit_length(narrow):
 
 def test_the_surface_assumed_is_the_one_that_was_considered(narrow):
     campaign = SimpleNamespace(spec=SimpleNamespace(
-        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=SimpleNamespace(words="normal"),
+        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=NORMAL,
         simulator=None,
     ))  # fmt: skip
     quadratic = dataclasses.replace(
@@ -81,7 +82,7 @@ def test_what_a_run_draws_is_that_of_every_engine_of_a_set_and_the_label_of_a_ma
     """Beside a radar nothing was said of a radiometer, nor of a map that names most of the fields."""
     simulator = SimulatorSpec(engine="psm", scene="s.npz", members={"passive": {"engine": "prm"}}, known_map="old.csv")
     campaign = SimpleNamespace(spec=SimpleNamespace(
-        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=SimpleNamespace(words="normal"),
+        model=SimpleNamespace(weights="equal", response="identity", order=2), errors=NORMAL,
         simulator=simulator, applications=[SimpleNamespace(utility="kappa by field")],
     ))  # fmt: skip
     told = "; ".join(_measured_assumptions(campaign, (narrow,)))
