@@ -395,11 +395,13 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         )
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
-    if fit.leverage_one_runs and fit.df_residual:  # else the model passes through every run, as said above
-        ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
+    # A random day's effect, and the difference between sources, are drawn towards zero.
+    drawn = data.sources if surface.fixed_blocks else labels
+    passed = [run for run in fit.leverage_one_runs if list(drawn).count(drawn[run]) > 1]
+    if passed and fit.df_residual:  # else the model passes through every run, as said above
+        ids = ", ".join(str(data.run_ids[run]) for run in passed)
         one, several = f"run {ids} (leverage 1): its score", f"runs {ids} (leverage 1): their scores"
-        through = one if len(fit.leverage_one_runs) == 1 else several
-        found.append(f"The model must pass through {through} cannot be checked.")
+        found.append(f"The model must pass through {one if len(passed) == 1 else several} cannot be checked.")
     if fitted.data.all_equal:
         found.append("All scores are equal, so there is no optimum: every setting is equally good.")
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:

@@ -32,7 +32,7 @@ from seqrsm.errors import FitError
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
-from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.intervals import Prediction, known
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.process import Blocks, Sources
 from seqrsm.plain import counted
@@ -311,9 +311,11 @@ class TwoSources(Surface):
 
         difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
         source = "the prior" if found.prior_driven else "the flights"
+        told, *ends = (known(value, interval.half_width) for value in (difference, interval.low, interval.high))
+        sign = "+" if float(told) > 0.0 else ""
         text = (
-            f"Model discrepancy at the recommended settings: flights score {f'{difference:+.3g} {unit}'.rstrip()} "
-            f"relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}). "
+            f"Model discrepancy at the recommended settings: flights score {f'{sign}{told} {unit}'.rstrip()} "
+            f"relative to simulations ({100 * level:g} % credible interval {ends[0]} to {ends[1]}). "
             f"Over the region it rests mainly on {source} after "
             f"{counted(found.n_flights, 'flight')} ({100 * found.prior_share:.0f} % of the prior variance of its terms "
             "remains). All intervals are for flights."
@@ -391,8 +393,8 @@ def surface_of(
         )
     elif both.prior_driven:
         note = (
-            f"With {both.n_flights} flights the difference between flight and simulation is mostly what the prior "
-            "says ([model] discrepancy_sd)."
+            f"With {counted(both.n_flights, 'flight')} the difference between flight and simulation is mostly what the "
+            "prior says ([model] discrepancy_sd)."
         )
     return TwoSources(*given, both.estimate, both.s, int(both.df_residual), fit.n_terms, note, both)
 

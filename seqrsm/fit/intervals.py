@@ -66,7 +66,7 @@ def known(value: float, uncertainty: float) -> str:
     if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:
         return f"{value:.4g}"
     places = min(1 - math.floor(math.log10(abs(uncertainty))), 15)
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # no -0.0
 
 
 def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:

@@ -125,6 +125,44 @@ def test_flights_beside_simulations_are_what_reduces_the_loss(tmp_path):
         assert any(f"about {needed} runs are needed" in text for text in alone.decision.reasons)
 
 
+@pytest.mark.parametrize("effect", ["fixed", "random"])
+def test_the_only_run_of_a_random_day_is_not_said_to_be_passed_through(tmp_path, effect: str):
+    """The warning on the first page is true of constants for days alone: there the surface is the same without it."""
+    days = ["alone", *[f"day {i}" for i in range(5) for _ in range(5)]][:24]
+    rest, moved = f'[model]\nblock = "day"\nblock_effect = "{effect}"\n', []
+    for name, more in (("c", 0.0), ("d", 6.0)):
+        scores = bowl(POINTS) + NOISE + np.repeat([3.0, -2.0, 0.0, 4.0, -5.0, 1.0], [1, 5, 5, 5, 5, 3])
+        scores[0] += more
+        made = campaign(tmp_path / name, specification(numeric(2), rest=rest), POINTS, scores, block=days)
+        (analysis,) = made.analyse_all(n_draws=400)
+        told = any("must pass through run 1 " in text for text in analysis.warnings)
+        assert told == (effect == "fixed")
+        moved.append(analysis.fitted.surface.estimate)
+    assert np.allclose(moved[1][1:], moved[0][1:], atol=1e-9) == (effect == "fixed")
+
+
+def test_one_flight_beside_simulations_is_not_said_to_be_passed_through(tmp_path):
+    """The prior of their difference draws the surface away from it; "with 1 flights" was told of it, too."""
+    scores, sources = bowl(POINTS) + NOISE - np.repeat([0.0, 2.0], [23, 1]), ["simulation"] * 23 + ["flight"]
+    text = specification(numeric(2), application='unit = "percent"\n')
+    (analysis,) = campaign(tmp_path / "c", text, POINTS, scores, source=sources).analyse_all(n_draws=400)
+    row = analysis.fitted.surface.rows(POINTS[-1:])
+    assert abs(float((row @ analysis.fitted.surface.estimate)[0]) - scores[-1]) > 0.1
+    assert not any("must pass through" in told for told in analysis.warnings)
+    assert any(told.startswith("With 1 flight the difference") for told in analysis.warnings)
+    # A difference has the digits that its interval supports: -0.152 (-7.91 to 8) was told.
+    number = r"([-+]?\d+(?:\.\d+)?)"
+    told = re.search(rf"score {number} percent relative .* interval {number} to {number}\)", analysis.sources.text)
+    assert told
+    places = {len(one.partition(".")[2]) for one in told.groups()}
+    found = (analysis.sources.difference, analysis.sources.interval.low, analysis.sources.interval.high)
+    assert len(places) == 1
+    assert [float(one) for one in told.groups()] == [
+        pytest.approx(value, abs=0.51 * 10.0 ** -max(places)) for value in found
+    ]
+    assert 10.0 <= 10.0 ** max(places) * analysis.sources.interval.half_width < 100.0
+
+
 @pytest.mark.parametrize(("effect", "told"), [("fixed", True), ("random", False)])
 def test_a_run_on_a_new_day_is_told_beside_one_on_the_average_day(tmp_path, effect: str, told: bool):
     """All future flights are on new days: with constants for days the first page told of none of them."""
