@@ -9,8 +9,8 @@ import numpy as np
 from seqrsm.analysis.belief import Fitted, intervals_by_draws
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
-from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor, central_range
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, central_range
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
@@ -79,7 +79,7 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
     return [f"{what} are not used in the posterior: {reason}."]
 
 
-_AT_BOUND = 1.0 - 1e-6
+_STEP = 1e-6  # coded, that an optimum at a bound cannot take
 _MOST_OPTIMA = 8000  # draws whose optimum is sought
 
 
@@ -133,7 +133,7 @@ def summarise_posterior(
         term_draws=draws.terms,
         optimum_points=points,
         optimum_values=best_scores,
-        settings=tuple(_setting(spec.region, j, points[:, j], tail) for j in range(spec.region.k)),
+        settings=tuple(_setting(spec.region, j, points, tail) for j in range(spec.region.k)),
         mean=float(np.mean(best_scores)),
         credible=Interval(*(float(end) for end in np.quantile(best_scores, [tail, 1.0 - tail]))),
         predictive=predictive.within(low, high),
@@ -162,13 +162,27 @@ def _optima(
     return points, best_scores, np.maximum(sign_of(fitted.goal) * (best_scores - here_scores), 0.0)
 
 
-def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:
-    factor = region.factors[j]
+def _setting(region: Region, j: int, points: FloatArray, tail: float) -> SettingPosterior:
+    factor, coded = region.factors[j], points[:, j]
     if isinstance(factor, CategoricalFactor):
         share = {level: float(np.mean(coded == i)) for i, level in enumerate(factor.levels)}
         return SettingPosterior(factor.name, np.nan, np.nan, np.nan, np.nan, share)
     low, high = central_range(factor, coded, tail)
     # The mean is taken on the coded axis, where a factor on a log scale is symmetric.
     mean = float(factor.decode(np.array([np.mean(coded)]))[0])
-    at_bound = float(np.mean(np.abs(coded) >= _AT_BOUND))
-    return SettingPosterior(factor.name, mean, low, high, at_bound, {})
+    return SettingPosterior(factor.name, mean, low, high, float(np.mean(_at_bound(region, j, points))), {})
+
+
+def _at_bound(region: Region, j: int, points: FloatArray) -> BoolArray:
+    """Which ``points`` (m, k) the next setting of factor ``j``, one way or the other, takes out of the region."""
+    factor, found = region.factors[j], np.zeros(len(points), dtype=np.bool_)
+    for side in (-1, 1):
+        beyond = points.copy()
+        if isinstance(factor, DiscreteFactor):
+            levels = np.concatenate([[-np.inf], factor.coded_levels, [np.inf]])
+            nearest = np.argmin(np.abs(points[:, [j]] - factor.coded_levels), axis=1)
+            beyond[:, j] = levels[1 + nearest + side]
+        else:
+            beyond[:, j] += side * _STEP
+        found |= ~region.feasible(beyond)
+    return found

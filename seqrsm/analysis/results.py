@@ -191,8 +191,9 @@ class Step:
 class SettingPosterior:
     """Posterior of one factor's optimal setting.
 
-    Numeric factors have ``mean``, ``low``, ``high`` (natural units) and ``p_at_bound``; a categorical factor has
-    ``probabilities`` of its levels instead, and nan elsewhere.
+    Numeric factors have ``mean``, ``low``, ``high`` (natural units) and ``p_at_bound``, where an end of the range or a
+    constraint lets them go no further; a categorical factor has ``probabilities`` of its levels instead, and nan
+    elsewhere.
     """
 
     factor: str

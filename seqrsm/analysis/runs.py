@@ -140,18 +140,25 @@ def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
 def former_factors(region: Region, runs: Sequence[RunRecord], data: ScoredRuns) -> list[str]:
     """What to tell of settings in which the runs of a fit differ without a factor that accounts for it."""
     used, factors = set(data.run_ids.tolist()), set(region.names)
-    found: dict[str, dict[str, None]] = {}
+    found: dict[str, set[float | str]] = {}
     for run in runs:
         if run.run_id in used:
             for name in run.settings.keys() - factors:
-                value = run.settings[name]
-                found.setdefault(name, {})[value if isinstance(value, str) else f"{value:g}"] = None
+                found.setdefault(name, set()).add(run.settings[name])
     return [
-        f"The runs differ in {name}, which is no longer a factor: {', '.join(list(values)[:LISTED_RUNS])}"
-        f"{', ...' if len(values) > LISTED_RUNS else ''}. What it does to the score counts as scatter."
+        f"The runs differ in {name}, which is no longer a factor: {_span(values)}. What it does to the score counts as "
+        "scatter."
         for name, values in sorted(found.items())
         if len(values) > 1
     ]
+
+
+def _span(values: set[float | str]) -> str:
+    """The range of numbers; else the levels."""
+    numbers = [value for value in values if not isinstance(value, str)]
+    if len(numbers) == len(values):
+        return f"{min(numbers):g} to {max(numbers):g}"
+    return ", ".join(sorted(map(str, values)))
 
 
 def n_determined(model: QuadraticModel, points: FloatArray, blocks: FloatArray | None = None) -> int:

@@ -16,6 +16,7 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.experiment import EXPERIMENT, see_utilities
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.campaign.status import campaign_status
@@ -179,6 +180,17 @@ def test_a_run_on_a_new_day_is_told_beside_one_on_the_average_day(tmp_path, effe
         assert f"in a new block {format_range(new.low, new.high, 1)}" in detail
 
 
+def test_a_number_that_is_no_longer_a_factor_is_told_by_its_range(tmp_path):
+    """The first eight of its values were told, in the order of the runs."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS) + NOISE)
+    path = made.folder / "campaign.toml"
+    path.write_text(specification(numeric(1)), encoding="utf-8")
+    (analysis,) = Campaign.open(made.folder).analyse_all(n_draws=400)
+    low, high = np.min(POINTS[:, 1]), np.max(POINTS[:, 1])
+    told = f"The runs differ in x1, which is no longer a factor: {low:g} to {high:g}. What it does to the score"
+    assert any(text.startswith(told) for text in analysis.warnings)
+
+
 @pytest.mark.parametrize(("source", "refused"), [("flight", False), ("simulation", True)])
 def test_measured_scores_are_those_of_whatever_was_measured(tmp_path, source: str, refused: bool):
     """After simulations by another utility, all void now: only simulated scores are of the utility of their time."""
@@ -208,6 +220,23 @@ def test_small_scores_do_not_run_into_each_other_along_the_axis_of_intervals(tmp
     drawing.draw(paint, height_in=2.0)
     assert len(boxes) >= 2
     assert all(left.x1 + 4.0 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_an_optimum_on_a_constraint_is_at_a_bound_of_both_its_factors(tmp_path):
+    """Ends of ranges alone counted: "< 0.1 %" stood beside an optimum that every draw had on the constraint."""
+    steps = '[[factor]]\nname = "x1"\nvalues = [-1.0, -0.5, 0.0, 0.5, 1.0]\n'
+    rest = '[[constraint]]\nexpr = "x0 + x1 <= -0.1"\n'
+    points = np.column_stack([POINTS[:, 0], np.rint(2.0 * POINTS[:, 1]) / 2.0])
+    scores = bowl(points) + NOISE
+    for name, constraint in (("c", rest), ("free", "")):
+        made = campaign(tmp_path / name, specification(numeric(1) + steps, rest=constraint), points, scores)
+        (analysis,) = made.analyse_all(n_draws=400)
+        x0, x1 = analysis.posterior.optimum_points.T
+        most = -0.1 if constraint else np.inf
+        first = (np.abs(x0) > 0.999) | (x0 + x1 > most - 1e-3)
+        second = (np.abs(x1) == 1.0) | (x0 + x1 + 0.5 > most)
+        assert [one.p_at_bound for one in analysis.posterior.settings] == [np.mean(first), np.mean(second)]
+        assert (np.mean(first) > 0.9) == bool(constraint)
 
 
 def test_one_interim_analysis_is_a_row_and_no_figure(tmp_path):
