@@ -136,7 +136,9 @@ class Campaign:
         """
         for analysis in analyses:
             last = self.store.looks(analysis.application)
-            if not last or last[-1].after_run != analysis.fit.n_runs:
+            then = last[-1].summary["s"] if last and last[-1].after_run == analysis.fit.n_runs else np.inf
+            # Another score in a void run's place moves s, which a look without scatter keeps as None.
+            if not np.isclose(np.nan if then is None else then, analysis.fit.s, rtol=1e-9, atol=0.0, equal_nan=True):
                 self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
 
     # -- proposing ------------------------------------------------------------------------------------------------

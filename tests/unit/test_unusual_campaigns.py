@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from process_cases import bowl, spread
 from scored_campaigns import campaign, numeric, specification
@@ -249,6 +250,25 @@ def test_one_interim_analysis_is_a_row_and_no_figure(tmp_path):
     assert [type(block) for block in one.blocks] == [Details]
     two = history_section(made.spec, [*records, replace(records[0], look=2, after_run=30)], analyses[0], "x")
     assert [type(block) for block in two.blocks] == [FigureBlock, Details]
+
+
+def test_as_many_runs_with_another_score_are_looked_at_anew(tmp_path):
+    """A void run's place was taken by the row corrected: table and figure kept the results of the wrong score."""
+    made = campaign(tmp_path / "c", specification(numeric(2)), POINTS, bowl(POINTS) + NOISE)
+    found = []
+    for _ in range(2):
+        analyses = made.analyse_all(n_draws=400)
+        for _ in range(2):  # a second look at the same runs is not a look
+            made.record_looks(analyses)
+        found.append(analyses[0].fit.s)
+        if len(found) == 1:
+            made.store.void(3, "wrong unit")
+            row = pd.DataFrame([{"run_id": 3, **made.spec.region.decode(POINTS)[2], "score": 60.0}])
+            made.ingest(row.assign(source="simulation"), accept=True)
+    looks = made.store.looks()
+    assert [look.after_run for look in looks] == [24, 24]
+    assert [look.summary["s"] for look in looks] == pytest.approx(found)
+    assert found[0] != pytest.approx(found[1])
 
 
 def test_the_caption_of_the_interim_analyses_tells_what_is_drawn(tmp_path):
