@@ -44,13 +44,17 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def source_counts(runs: Iterable[RunRecord]) -> str:
+def source_counts(runs: Sequence[RunRecord]) -> str:
     """Return how many runs or scores of each source there are: ``"65 simulated runs and 4 measured scores"``."""
-    counts: Counter[str] = Counter()
-    for run in runs:
-        counts[run.source] += 1 if run.source == "simulation" else len(run.scores)
-    words = {"simulation": "simulated run", "flight": "measured score"}
-    return listing([counted(count, words.get(source, f"{source} score")) for source, count in counts.items()])
+    found = []
+    for source, n in Counter(run.source for run in runs).items():
+        if source == "simulation":
+            found.append(counted(n, "simulated run"))
+            continue
+        scores = sum(len(run.scores) for run in runs if run.source == source)
+        told = counted(scores, "measured score" if source == "flight" else f"{source} score")
+        found.append(told if scores == n else f"{told} of {counted(n, 'run')}")
+    return listing(found)
 
 
 def cost_texts(costs: Mapping[str, float], unit: str) -> tuple[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from seqrsm.design.constraints import Constraint
@@ -15,6 +17,7 @@ from seqrsm.report.wording import (
     readable_term,
     readable_text,
     shortened,
+    source_counts,
     told_settings,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
@@ -91,3 +94,12 @@ def test_a_shortened_name_keeps_its_unit() -> None:
     assert shortened("ground resolution of the product [m]", 20) == "ground resoluti\u2026 [m]"
     assert shortened("a level [with] brackets and more of it", 12) == "a level [wi\u2026"
     assert shortened("x [" + 30 * "y" + "]", 12) == "x [yyyyyyyy\u2026"
+
+
+def test_scores_of_several_applications_are_told_beside_their_runs() -> None:
+    """ "74 measured scores. They cost 280 kEUR (a flight 7 kEUR)" was told of 40 flights."""
+    one, two = (SimpleNamespace(source="flight", scores=(None,) * n) for n in (1, 2))
+    simulated = SimpleNamespace(source="simulation", scores=(None, None))
+    assert source_counts([one] * 6 + [two] * 34) == "74 measured scores of 40 runs"
+    assert source_counts([two]) == "2 measured scores of 1 run"
+    assert source_counts([simulated, simulated, one]) == "2 simulated runs and 1 measured score"
