@@ -319,7 +319,7 @@ def compromise(
         if sign_of(objective.goal) * (value - own_best) > 0.0:  # by what a search leaves
             own_best = value
         given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
-        spread = given_up
+        spread = 0.0  # exact
         if i in losses_of_draws:
             low, high = (float(x) for x in np.quantile(losses_of_draws[i], tail))
             spread = 0.5 * (high - low)

@@ -141,6 +141,17 @@ def test_posterior_of_the_compromise() -> None:
     assert cost.value < 2.0
 
 
+def test_an_exact_cost_is_told_with_its_own_digits() -> None:
+    """Those of the difference had made 0.025 Mbit/s at its own optimum 0.0."""
+    objectives = [
+        Objective("x", "maximize", 1.0, bowl((0.5, 0.0))),
+        Objective("rate", "minimize", 1.0, lambda x: 0.025 + 8.0 * (x[:, 0] + 1.0), unit="Mbit/s"),
+    ]
+    rate = compromise(BOX, objectives).given_up[1]
+    assert rate.given_up > 4.0
+    assert f"rate: {rate.value:.4g} Mbit/s against 0.025 at its own optimum, {rate.given_up:.4g} Mbit/s" in rate.text
+
+
 def test_a_single_objective() -> None:
     alone = compromise(BOX, [Objective("x", "minimize", 1.0, lambda x: -bowl((0.2, -0.3))(x))])
     np.testing.assert_allclose(alone.point, [0.2, -0.3], atol=0.02)
