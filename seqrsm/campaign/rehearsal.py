@@ -264,6 +264,8 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
         f"Surfaces are drawn from the posterior: {quadratics:.0f} % of them are quadratics. Errors are normal; "
         "± is a Monte Carlo standard error."
     ]
+    if len(spec.applications) > 1:
+        notes.append(f"Rehearsed is the first application alone: {analysis.application}.")
     if draws.sigma_block is not None:
         notes.append("Each rehearsed batch is a block of its own.")
     if np.isfinite(analysis.scale.trials):

@@ -76,3 +76,12 @@ def test_each_application_is_told_in_its_own_unit_and_digits() -> None:
     assert "accepted: 0.002 m3/m3" in other.caption.replace("\u00a0", " ")
     assert [cell.text.partition(" ")[0] for cell in other.rows[0][4:6]] == ["\u22120.0012", "0.0031"]
     assert one.rows[1][5].text == "0.30"
+
+
+def test_coarser_scenes_that_average_no_cells_are_one_row() -> None:
+    """ "8 cells" and "4 cells" had the numbers of "all", whose cells are no finer than the pixels need."""
+    rows = [{**row(0, 1.0, 0.0), "cells": cells, "averaged": [1]} for cells in (0, 8, 4)] + [row(2, 0.9, 0.3)]
+    simulation = {**MEASURED["simulation"], "applications": {"cover": rows}}
+    (found,) = tradeoff_blocks({"simulation": simulation}, {"cover": "percent"})
+    assert [line[0].text for line in found.rows] == ["all, 8 cells and 4 cells", "2 cells"]
+    assert [line[5].text for line in found.rows] == ["0.00", "0.30"]

@@ -206,6 +206,12 @@ def test_the_first_application_alone_is_rehearsed() -> None:
     plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)), analysis)
     assert [one.name for one in plain.applications] == ["score"]
     assert plain.considerations == ()
+    # What stops, costs and loses is its own, which no line told.
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=10)
+    ended = [dict.fromkeys(("rule", "prediction", "confidence", "held", "runs", "loss"), 1.0)] * 2
+    for applications, told in ((spec.applications, False), ((*spec.applications, other), True)):
+        notes = rehearsal._summary(replace(spec, applications=applications), analysis, draws, ended)["notes"]
+        assert ("Rehearsed is the first application alone: score." in notes) == told
 
 
 def test_numbers_of_a_rehearsal_by_hand() -> None:

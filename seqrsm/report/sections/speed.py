@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 from seqrsm.campaign.dossier import Dossier
@@ -75,15 +76,21 @@ def tradeoff_blocks(measured: Mapping[str, Any], units: Mapping[str, str]) -> li
             "pixel side remains. Time: CPU time. Utility lost: by choosing the configuration that scores best on the "
             "coarsened scene"
         )
-        blocks.append(table(caption, columns, (_row(row, places) for row in rows)))
+        blocks.append(table(caption, columns, (_row(list(alike), places) for _, alike in groupby(rows, _numbers))))
     notes = [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
-def _row(row: Mapping[str, Any], places: int) -> tuple[Cell, ...]:
+def _numbers(row: Mapping[str, Any]) -> dict[str, Any]:
+    """All but the minimum of cells: coarser scenes that average as many cells are the same scene."""
+    return {name: value for name, value in row.items() if name != "cells"}
+
+
+def _row(alike: Sequence[Mapping[str, Any]], places: int) -> tuple[Cell, ...]:
+    row = alike[0]
     rank = row["rank_correlation"]
     return (
-        Cell(f"{row['cells']} cells" if row["cells"] else "all"),
+        Cell(listing([f"{one['cells']} cells" if one["cells"] else "all" for one in alike])),
         Cell(listing([f"{k} x {k}" for k in row["averaged"]])),
         significant_cell(1000.0 * row["seconds"]),
         number_cell(format_significant(100.0 * row["time_ratio"], 3), row["time_ratio"]),
