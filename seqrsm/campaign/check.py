@@ -230,6 +230,8 @@ def _judged(
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(terms):
         problem += _by_flights(rule, noise)
+    if problem and df and analysis is None and rule.max_runs >= rule.min_runs(terms):
+        problem += " This is the scatter all over the region; at the optimum it may be less."
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
     plans, over = budget.plans(spec.stop.confirmation_runs)
