@@ -49,6 +49,14 @@ def test_random_problems(seed: int, weighted: bool) -> None:
     assert group.p == pytest.approx(float(test.pvalue), rel=1e-6, abs=1e-200)
 
 
+def test_a_line_through_the_origin() -> None:
+    """Without an intercept sums of squares are about zero, and no degree of freedom goes to the mean."""
+    Z, y, w, terms = problem(1, True)
+    ours, theirs = fit_least_squares(Z[:, 1:], y, terms[1:], weights=w), sm.WLS(y, Z[:, 1:], weights=w).fit()
+    assert ours.r2 == pytest.approx(theirs.rsquared, rel=1e-9)
+    assert ours.r2_adjusted == pytest.approx(theirs.rsquared_adj, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_intervals_for_new_runs(seed: int) -> None:
     Z, y, w, terms = problem(seed, True)

@@ -9,6 +9,9 @@ from scipy.special import expit
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
+from seqrsm.fit.conjugate import NormalInverseGamma
+from seqrsm.fit.error_models import BetaBinomial, Draws, LinearRuns
+from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.target import GeneralModel, StudentProposal, draws_by_importance, general_target
 
@@ -230,3 +233,33 @@ def test_counts_of_a_million_pixels(scatter: float) -> None:
     np.testing.assert_allclose(np.mean(found.draws[:, :-1], axis=0), want, atol=0.5 * sd.max())
     size = max(scatter, np.sqrt(n / 4)) / (n / 4)  # scatter of a logit
     assert sd[1] == pytest.approx(size / np.sqrt(np.sum(x**2)), rel=0.6)
+
+
+@pytest.mark.parametrize("correlation", [0.02, 0.5])
+def test_future_shares_scatter_as_decisions_that_go_together(correlation: float) -> None:
+    """Of n decisions of one run: the binomial's variance times 1 + (n - 1) correlation."""
+
+    class Percent:
+        def to_score(self, values: np.ndarray) -> np.ndarray:
+            return values
+
+    m, n, p = 40_000, 10, 0.3
+    more = {"correlation": np.full(m, correlation), "trials": np.full(m, float(n))}
+    draws = Draws(np.zeros((m, 1)), np.ones(m), {}, more=more)
+    rng = np.random.default_rng(0)
+    found = BetaBinomial().future_scores(draws, Percent(), np.full(m, 100.0 * p), 1, rng)
+    assert np.mean(found) == pytest.approx(100.0 * p, rel=0.02)
+    assert np.var(found) == pytest.approx(1e4 * p * (1.0 - p) / n * (1.0 + (n - 1) * correlation), rel=0.05)
+
+
+def test_decisions_that_say_nothing_leave_the_prior_that_is_stated() -> None:
+    """Precisions are relative to the scatter of a run, guessed at 0.5 logits: beta ~ N(m0, 0.5^2 / precision)."""
+    Z = np.column_stack([np.ones(8), np.linspace(-1.0, 1.0, 8)])
+    fit = fit_least_squares(Z, np.linspace(-1.0, 1.0, 8) ** 3, ["1", "x"])
+    precision, mean = np.array([4.0, 25.0]), np.array([0.5, -1.0])
+    stated = NormalInverseGamma(mean, np.diag(precision), 2.0, 2.0 * 0.5**2)
+    trials = np.full(8, 1e-6)
+    runs = LinearRuns(fit, 2, Z, fit.y, np.ones(8), stated, lambda b: b, True, 1.0, stated, 0.5 * trials, trials)
+    found = BetaBinomial().draws(runs, None, "exact", 4000, np.random.default_rng(1)).terms
+    np.testing.assert_allclose(found.mean(axis=0), mean, atol=0.02)
+    np.testing.assert_allclose(found.std(axis=0), 0.5 / np.sqrt(precision), rtol=0.06)

@@ -49,6 +49,15 @@ def test_the_table_adds_up_and_f_is_scipys() -> None:
         assert row.p == pytest.approx(stats.f.sf(row.f, row.df, 12), rel=1e-9)
 
 
+@pytest.mark.parametrize("inflation", [1.0, 1.4])
+def test_f_of_the_last_term_alone_is_the_square_of_its_t(inflation: float) -> None:
+    """Student-t errors, too: their weights come from the scores, which widens standard errors."""
+    Z, y, terms, _ = two_factor(2)
+    fit = fit_least_squares(Z[:, :5], y, terms[:5], inflation=inflation)
+    row = next(row for row in fit.anova() if row.source == "squares")
+    assert (row.f, row.p) == pytest.approx((float(fit.t[-1]) ** 2, float(fit.p_value[-1])), rel=1e-9)
+
+
 def test_weighted_pure_error_by_definition() -> None:
     y, w = np.array([1.0, 3.0, 10.0, 10.5, 7.0]), np.array([1.0, 3.0, 2.0, 2.0, 5.0])
     df, ss, groups = pure_error(y, w, np.array([0, 0, 1, 1, 2]), None)

@@ -94,6 +94,13 @@ def test_ridge_and_plane_are_told_in_words() -> None:
     assert ridge.kind == "ridge"
     assert "y" in ridge.warning
     assert "1 %" in ridge.warning
+    third = (*factors, ContinuousFactor("z", -1.0, 1.0))
+    both = QuadraticModel(third)
+    of_three = np.zeros(both.p)
+    of_three[[both.term_names.index(f"{name}^2") for name in "xyz"]] = -2.0, -0.1, -0.02
+    warning = stationary_point(both, Region(third), of_three).warning
+    assert "along z; y" in warning or "along y; z" in warning
+    assert "at most 5 % of the largest (ridge threshold 10 %)" in warning
     plane = stationary_point(model, region, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     assert plane.kind == "none"
     assert not plane.inside_region

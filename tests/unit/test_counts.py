@@ -30,6 +30,8 @@ def cases(seed: int, n: int = 30):
 
 def test_variance_is_the_binomials_and_never_nothing():
     assert share_variance(np.array([80.0]), 100.0)[0] == pytest.approx(16.0)
+    # 10 of 10 and 0 of 10: as with one decision more of either kind, 11 of 12 and 1 of 12.
+    np.testing.assert_allclose(share_variance(np.array([0.0, 100.0]), 10.0), 1e4 * (1 / 12) * (11 / 12) / 10)
     assert np.all(share_variance(np.array([-5.0, 0.0, 100.0, 130.0]), 50.0) > 0.0)
     assert share_variance(np.array(100.0), 50.0) == share_variance(np.array(140.0), 50.0)
 

@@ -59,6 +59,13 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     assert ground_of_scores(np.ones((16, 2))).share == 0.0
 
 
+def test_three_occasions_in_each_world_by_hand() -> None:
+    """Means 2, 6 and 5 have the variance 13/3; of that in worlds, (1 + 1 + 7) / 3 = 3, a third is chance's part."""
+    found = ground_of_scores([[1.0, 2.0, 3.0], [5.0, 6.0, 7.0], [3.0, 4.0, 8.0]])
+    assert (found.sd_chance**2, found.sd_ground**2) == pytest.approx((3.0, 13.0 / 3.0 - 3.0 / 3.0))
+    assert found.variance == pytest.approx(19.0 / 3.0)
+
+
 def test_worlds_and_occasions_at_several_settings_tell_ground_from_chance() -> None:
     """What differs between settings is none of both."""
     draw = np.random.default_rng(2).standard_normal
