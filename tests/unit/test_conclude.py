@@ -153,6 +153,8 @@ def test_confirmation_runs_are_evidence_once_later_runs_are_scored() -> None:
     for state in ("proposed", "issued", "running", "failed", "void"):
         waiting = replace(later, state=state)
         assert evidence([first, fresh, waiting]) == [first, waiting]
+    beside = run(3, 2)  # made together with it, it does not follow
+    assert evidence([first, fresh, beside]) == [first, beside]
     assert evidence([first, fresh, later]) == [first, fresh, later]
 
 
@@ -356,3 +358,17 @@ def test_intervals_by_draws_are_those_of_the_look(tmp_path: Path, errors: str, p
         for name in ("mean", "confidence", "prediction", "prediction_mean", "whole"):
             assert getattr(told.optimum, name) == getattr(look.optimum, name)
         assert told.decision.half_width == look.decision.half_width
+
+
+def test_what_the_settings_lose_is_that_of_each_draw_on_a_grid(tmp_path: Path) -> None:
+    """Told is the mean loss, and how probable more than a quarter of the target is: 1.25 of 5."""
+    x = np.array([-1.0, -0.6, -0.2, 0.0, 0.2, 0.6, 1.0])
+    scores = 60.0 - 8.0 * (x - 0.2) ** 2 + np.array([1.7, 4.1, 1.6, -2.7, -6.5, 4.5, 2.2])
+    made = campaign(tmp_path / "c", specification(numeric(1)), x[:, None], scores)
+    found = made.analyse_all(n_draws=4000)[0]
+    grid = np.append(np.linspace(-1.0, 1.0, 2001), found.optimum.point)
+    values = found.posterior.term_draws @ np.stack([grid**0, grid, grid**2])
+    loss = values.max(axis=1) - values[:, -1]
+    assert found.posterior.expected_regret == pytest.approx(loss.mean(), rel=0.05)
+    assert found.posterior.p_regret_above == pytest.approx(np.mean(loss > 1.25), abs=0.02)
+    assert np.mean(loss > 1.25) - np.mean(loss > 2.5) > 0.05

@@ -247,6 +247,22 @@ def test_what_the_quadratic_misses_is_no_ground(tmp_path: Path) -> None:
     assert found.fitted.ground.sd_ground == pytest.approx(2.0, abs=1.0)
 
 
+def test_the_target_is_for_the_whole_interval_or_for_its_part_by_chance(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    spec, rng, ground = load_spec(tmp_path), np.random.default_rng(7), Ground(4.0, 3.0, 16, 32, 0.64)
+
+    def score(points: np.ndarray) -> list[NewScore]:
+        return [NewScore("a", float(y)) for y in 60.0 + 4.0 * points[:, 0] + 5.0 * rng.standard_normal(len(points))]
+
+    counted, runs = make_campaign(spec, "simulation", score, n_draws=50, ground=ground)
+    stop = spec.stop.model_copy(update={"worlds": "ignore"})
+    ignored = analyse(replace(spec, stop=stop), spec.applications[0], runs, ground=ground, n_draws=50)
+    best = counted.optimum
+    assert counted.decision.half_width == pytest.approx(best.whole.half_width)
+    assert ignored.decision.half_width == pytest.approx(best.by_chance.half_width)
+    assert best.whole.half_width > 1.3 * best.by_chance.half_width
+
+
 def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) -> None:
     """150 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")

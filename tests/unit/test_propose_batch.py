@@ -126,18 +126,35 @@ def test_runs_for_the_optimum_tell_where_it_is(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_stated_narrowing_is_the_true_one() -> None:
-    data = campaign(3)
-    model = data["model"]
-    proposals = [p for p in propose(**data, n=8) if "prediction interval" in p.why]
-    first = propose(**data, n=1, spread_share=0.0)[0]
-    assert proposals
-    if first.purpose == "optimum":
-        z = model.matrix(data["x_hat"][None, :])[0]
-        before = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
-        Z = np.vstack([data["Z_done"], model.matrix(first.point[None, :])])
-        after = covariance(Z, np.ones(len(Z)))
-        share = 100 * (1 - np.sqrt((1 + z @ after @ z) / (1 + z @ before @ z)))
-        assert f"prediction interval at the optimum by {share:.2g} %" in first.why
+    data, weight, common = campaign(3), 1.7, 0.4
+    sought = Sought(data["x_hat"], data["target_points"], common=common)
+    found = known.Known(data["model"], data["region"], Evidence(data["Z_done"]), sought, weight)
+    z, row = data["model"].matrix(np.array([data["x_hat"], [0.4, -0.7, 0.2]]))
+    ones = np.ones(len(data["Z_done"]))
+    before = z @ covariance(data["Z_done"], ones) @ z
+    after = z @ covariance(np.vstack([data["Z_done"], row]), np.append(ones, weight)) @ z
+    run = 1.0 / weight + common
+    prediction, mean = (100.0 * (1.0 - np.sqrt((own + after) / (own + before))) for own in (run, 0.0))
+    assert found.narrowing(row) == (
+        f"narrows the prediction interval at the optimum by {prediction:.2g} %, the confidence interval of the mean by "
+        f"{mean:.2g} %"
+    )
+
+
+def test_stated_drop_of_the_loss_is_the_true_one() -> None:
+    data = campaign(3) | {"target_points": np.random.default_rng(0).uniform(-1.0, 1.0, (64, 3))}
+    model, Z, told = data["model"], data["Z_done"], []
+    spread = model.matrix(data["target_points"]) - model.matrix(data["x_hat"][None, :])
+
+    def loss(rows: np.ndarray) -> float:
+        return float(np.sum((spread @ covariance(rows, np.ones(len(rows)))) * spread))
+
+    for proposal in propose(**data, n=8, spread_share=0.0):
+        before, Z = loss(Z), np.vstack([Z, model.matrix(proposal.point[None, :])])
+        share = f"loss from a misplaced optimum by {100.0 * (1.0 - loss(Z) / before):.2g} %"
+        told += [share in proposal.why] if proposal.purpose == "regret" else []
+    assert len(told) > 2
+    assert all(told)
 
 
 def test_one_run_in_four_is_kept_for_repeats_then_for_spread() -> None:

@@ -57,6 +57,8 @@ def test_posterior_is_least_squares_with_the_prior_as_rows() -> None:
     assert found.s_simulation == pytest.approx(np.sqrt(rss[0] / (28 - 6)), rel=1e-3)
     row = MODEL.matrix(np.array([[0.3, 0.1]]))
     C = np.linalg.inv(rows.T @ rows)
+    left = found.s_simulation**2 * np.trace(C[6:, 6:]) / np.sum(sd**2)
+    assert found.prior_share == pytest.approx(left, rel=1e-3)
     z = found.flight_rows(row)[0]
     h = z @ C @ z
     predicted = found.predict(row)

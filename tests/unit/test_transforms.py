@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from scipy.special import expit
 from scipy.stats import binom
 
-from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.errors import FitError
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
@@ -135,3 +135,19 @@ def test_logits_of_a_fit_with_few_degrees_of_freedom_are_right_on_average() -> N
     errors = 1.2 * rng.standard_normal((60, 10))
     found = [np.mean(unbiased_logits(Z, 95.0 + error, np.ones(10))[0] - slope * error) for error in errors]
     assert np.mean(found) == pytest.approx(float(logit_scores(np.array(95.0))), abs=0.012)
+
+
+@pytest.mark.parametrize("percent", [50.0, 95.0])
+def test_a_short_prediction_interval_of_percentages_is_as_long_as_its_parts_together(percent: float) -> None:
+    """0.03 logits of the mean and 0.04 of a run's chance are 0.05, times the slope 100 p (1 - p)."""
+    scale = ResponseScale("logit", np.zeros(1), np.ones(1), 1.0)
+    middle = float(logit_scores(np.array(percent)))
+    low, high = scale.of_runs(Interval(middle - 0.03, middle + 0.03), Interval(middle - 0.05, middle + 0.05), 1.0)
+    half = 0.05 * percent * (1.0 - percent / 100.0)
+    assert (percent - float(low), float(high) - percent) == pytest.approx((half, half), rel=0.015)
+
+
+def test_a_future_score_rests_on_the_median_of_the_decisions() -> None:
+    trials, Z = np.array([100.0, 900.0, 100.0, 200.0, 150.0]), np.ones((5, 1))
+    for kind in ("identity", "logit"):
+        assert ResponseScale.of_counts(kind, np.full(5, 80.0), trials, Z).trials == 150.0
