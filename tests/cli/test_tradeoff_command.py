@@ -95,6 +95,30 @@ def test_tradeoff_measures_every_data_base_and_goes_on(
     assert len(after["rows"]) == 3
 
 
+def test_figures_of_a_coarser_data_base_by_hand() -> None:
+    """Three configurations on two occasions; the coarser data base takes the third for the best, and not the second."""
+    full, cheap = ((50, 52), (60, 64), (55, 53)), ((51, 53), (58, 60), (59, 61))
+    seconds = {"0": ((2, 2, 9), (4, 3, 5), (6, 6, 6)), "8": ((1, 0, 1), (2, 2, 2), (3, 9, 2))}
+    rows = [
+        {
+            "levels": {
+                cells: {"averaged": 1, "scores": [{"cover": y} for y in of[k]], "seconds": seconds[cells][k]}
+                for cells, of in (("0", full), ("8", cheap))
+            }
+        }
+        for k in range(3)
+    ]
+    found = tradeoff._against_full(rows, 8, "cover", "maximize")
+    assert (found["seconds"], found["time_ratio"]) == (2.0, 0.5)
+    # Differences 1, 1; -2, -4; 4, 8: variances 0, 2 and 8, of a configuration's mean half of them.
+    assert (found["bias"], found["bias_se"]) == pytest.approx((8 / 6, 5**0.5 / 3))
+    assert (found["rms_error"], found["largest_error"]) == pytest.approx((17**0.5, 8.0))
+    # By the full one the second's scores are better than the third's by 5 and 11.
+    assert (found["utility_lost"], found["utility_lost_se"]) == pytest.approx((8.0, 3.0))
+    assert found["rank_correlation"] == pytest.approx(0.5)
+    assert tradeoff._against_full(rows, 8, "cover", "minimize")["utility_lost"] == 0.0
+
+
 def test_tradeoff_without_a_simulator_says_so(tmp_path: Path) -> None:
     folder = tmp_path / "flevoland"
     assert call("init", folder, "--template", "flevoland")[0] == 0

@@ -284,6 +284,15 @@ def test_leverages_sum_to_the_number_of_terms():
     assert np.all(np.diff(report.fraction_of_design_space) >= 0.0)
 
 
+def test_figures_of_a_factorial_twice_by_hand():
+    """Z'Z is 8 times the identity: each coefficient has a variance of 1/8, the mean of a response of 1/8 (1 + 2/3)."""
+    corners = np.array([[a, b] for a in (-1.0, 1.0) for b in (-1.0, 1.0)] * 2)
+    report = evaluate_design(QuadraticModel(PLANE, 1), Region(PLANE), corners)
+    assert (report.d_value, report.a_value, report.i_value) == pytest.approx((1.0, 1.0, 5.0 / 3.0))
+    assert (report.condition_number, report.n_distinct, report.df_pure_error) == (pytest.approx(1.0), 4, 4)
+    np.testing.assert_allclose(report.leverage, 3.0 / 8.0)
+
+
 def test_random_starts_that_are_singular_lead_to_the_same_design_as_others():
     """With eight levels and a constraint most random starts cannot determine the model, some but for rounding."""
     factors = (CategoricalFactor("channels", tuple("abcdefgh")), *MIXED[1:2], MIXED[3])
