@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.scattering.models import backscatter_oh92, permittivity_soil
+from seqrsm.scattering.models import backscatter_oh92, permittivity_soil, permittivity_wet_snow_hallikainen86
 from seqrsm.scattering.readers import POLARIZATIONS, shipped_rows
 from seqrsm.scattering.seasons import snow_volume, under_snow
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -124,6 +124,26 @@ def test_x_and_ku_bands_have_the_level_of_c_band():
     np.testing.assert_array_equal(found.sigma0, low.sigma0)
     assert found.status == ("assumed", "assumed")
     assert any("assumed_high_bands" in note for note in found.notes)
+
+
+def test_ground_under_wet_snow_is_weakened_as_a_wave_that_goes_through_it_twice():
+    """Of 3 cm at nadir: the field falls with Im(k n) one way, power twice as fast, and there and back twice again."""
+    n = np.sqrt(complex(permittivity_wet_snow_hallikainen86(5.4, 0.3, 3.0)))
+    through = np.exp(-4.0 * (2.0 * np.pi * 5.4e9 / 299_792_458.0) * n.imag * 0.03)
+    strong, deep, found = (
+        10.0 ** (0.1 * under_snow(np.full((3, 91), 10.0), 5.4, "wet", depth)[0][2, 0]) for depth in (0.0, 50.0, 0.03)
+    )
+    assert (found - deep) / (strong - deep) == pytest.approx(through, rel=1e-6)
+
+
+def test_dry_snow_takes_from_horizontal_waves_what_its_surface_reflects_twice():
+    """Its volume scatters both alike; at 60 deg H loses its Fresnel reflection going in and out, V hardly any."""
+    (row,) = (row for row in shipped_rows("snow_dry.csv") if float(row.text("frequency_ghz")) == 36.0)
+    eps = float(row.text("permittivity"))
+    (hh, vv), _ = snow_volume(36.0, 0.5, np.array([np.pi / 3.0]))
+    into = np.sqrt(eps - 0.75)
+    h, v = (0.5 - into) / (0.5 + into), (0.5 * eps - into) / (0.5 * eps + into)
+    assert float(hh[0] / vv[0]) == pytest.approx(((1.0 - h**2) / (1.0 - v**2)) ** 2, rel=1e-9)
 
 
 def test_snow_needs_a_winter():
