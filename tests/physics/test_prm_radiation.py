@@ -214,3 +214,11 @@ def test_grazing_and_vertical_looks_stay_finite():
     beyond = np.abs(found.scan.look_rad) > np.arctan(1600.0 / 6000.0) + 2.0 * found.scan.beamwidth_rad
     assert np.isnan(found.mean_k[:, beyond]).all()
     assert math.isfinite(float(footprint_across_m(found.scan).max()))
+
+
+def test_level_ground_at_noon_is_as_warm_as_the_sun_is_high():
+    """At 40 deg north on day 172 the sun stands 90 - 40 + 23.45 deg high: 40 K times the sine over 300 K."""
+    given = {"temperature": "exposure", "temperature_low_k": 300.0, "temperature_high_k": 340.0}
+    found = image(scene(np.zeros((60, 60))), radiometer(**given, latitude_deg=40.0, day_of_year=172.0), Table((1.0,)))
+    high = np.sin(np.deg2rad(90.0 - 40.0 + 23.45))
+    np.testing.assert_allclose(found.mean_k[np.isfinite(found.mean_k)], 300.0 + 40.0 * high, rtol=1e-4)

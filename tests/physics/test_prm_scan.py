@@ -174,6 +174,29 @@ def test_gaps_are_recorded_or_refused_and_told():
         image(FLAT, radiometer(scan_period_s=4.0, gaps="refuse"), Table((0.9,)))
 
 
+def test_time_that_is_not_used_is_told():
+    """A sweep of 0.5 s over 1 km from 1 km: 2 atan(0.5) in all, of which a beam is 2 atan(0.025)."""
+    notes = scan_geometry(radiometer(integration_time_ms=4.0), 1000.0, 1000.0, 1000.0).notes
+    dwell_ms = 500.0 * math.atan(0.025) / math.atan(0.5)
+    idle = 100.0 * (1.0 - 4.0 / dwell_ms)
+    assert notes == (f"idle time: {idle:.0f} % of the dwell of {dwell_ms:.4g} ms is not integrated",)
+
+
+def test_what_is_kept_with_a_score_is_in_its_units():
+    """Two thirds of the ground emit 150 K, the rest 270 K; the receiver adds 500 K and takes 1e7 samples."""
+    cover = np.zeros((200, 240), dtype=np.uint8)
+    cover[:, 160:] = 1
+    r = radiometer(scan_period_s=4.0, temperature_low_k=300.0, temperature_high_k=300.0)
+    found = image(scene(np.zeros(cover.shape), 5.0, cover), r, Table((0.5, 0.9)))
+    kept = found.record(("class 0", "class 1"))
+    sky = 2.725
+    assert kept["nedt_k"] == [pytest.approx((0.5 * 300.0 + 0.5 * sky + 500.0) / math.sqrt(1e9 * 0.01), abs=2e-4)]
+    assert kept["beamwidth_deg"] == pytest.approx(math.degrees(2.0 * math.atan(25.0 / 1000.0)), abs=1e-5)
+    assert kept["covered_percent"] == pytest.approx(100.0 * np.count_nonzero(found.coverage) / cover.size, abs=1e-3)
+    assert 20.0 < kept["covered_percent"] < 30.0
+    assert kept["blocked_percent"] == 0.0
+
+
 def test_edges_too_far_from_nadir_are_told():
     across_m = 2.0 * 1500.0 * math.tan(math.radians(80.0))
     told = [scan_geometry(radiometer(), 1500.0, side, 1000.0).notes for side in (0.6 * across_m, across_m)]

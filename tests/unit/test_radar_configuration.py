@@ -253,3 +253,14 @@ def test_swaths_that_cannot_be_flown_are_refused(changes, settings, words):
         ground_ranges_m(r, 1001, 5.0, 50.0, 100.0)
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "bad"), [("prf_hz", 60000.0), ("pulse_length_us", 60.0)])
+def test_what_a_swath_allows_at_most_can_be_flown_and_more_cannot(name, bad):
+    with pytest.raises(ConfigurationError, match=name) as caught:
+        ground_ranges_m(radar(**{name: bad}), 1001, 5.0, 50.0, 100.0)
+    limit = float(re.search(r"(?:at most|below) ([0-9.]+)", str(caught.value))[1])
+    assert limit < bad
+    ground_ranges_m(radar(**{name: limit}), 1001, 5.0, 50.0, 100.0)
+    with pytest.raises(ConfigurationError, match=name):
+        ground_ranges_m(radar(**{name: 1.001 * limit}), 1001, 5.0, 50.0, 100.0)
