@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
+from seqrsm.score import moisture
 from seqrsm.score.bare_soil import _away_from_edges, _covariance, _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
@@ -791,3 +793,16 @@ def test_a_radar_whose_fields_are_alike_has_no_moisture_to_find() -> None:
     woods = land(("Trees", "Water"))
     with pytest.raises(SceneError, match="retrievable soil moisture"):
         score_moisture([radar_image(woods, load_sigma0_table())], woods, ERROR, seed=5, run_id=1)
+
+
+def test_standard_errors_are_those_of_normal_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of n errors of sd s: s / sqrt(2 n) of the root mean square, s^2 sqrt(2 / n) of its square, over the variance."""
+    n, sd, spread = 20_000, 0.03, 0.05
+    draw = np.random.default_rng(0).standard_normal((2, n))
+    date = moisture._Date(np.ones(n), spread * draw[0], sd * draw[1], 0.0, spread, True)
+    monkeypatch.setattr(moisture, "_compared", lambda *_: date)
+    images = [SimpleNamespace(day=None)]
+    error, skill = (score_moisture(images, None, asked, seed=0, run_id=0) for asked in (ERROR, SKILL))
+    assert (error.value, error.se) == pytest.approx((sd, sd / np.sqrt(2.0 * n)), rel=0.06)
+    assert skill.value == pytest.approx(1.0 - (sd / spread) ** 2, abs=0.02)
+    assert skill.se == pytest.approx(sd**2 * np.sqrt(2.0 / n) / spread**2, rel=0.06)
