@@ -193,3 +193,12 @@ def test_agreement_is_that_of_scipy():
     for _ in range(20):
         x, y = rng.integers(0, 4, 9).astype(float), rng.integers(0, 5, 9).astype(float)
         assert ranking._kendall(x, y) == pytest.approx(kendalltau(x, y).statistic)
+
+
+@pytest.mark.parametrize("n", [3, 12])
+def test_rankings_that_say_nothing_leave_the_spread_that_is_assumed(n: int) -> None:
+    """All images equal: scores are 0, and vary about their mean as draws of that standard deviation do."""
+    found = fit_rankings([Ranking(0, (tuple(range(n)),))], n, 1)
+    np.testing.assert_array_equal(found.scores, 0.0)
+    left = ranking._LEAST_LEFT  # a fiftieth of a score's deviation is told at least
+    np.testing.assert_allclose(found.se**2 * left, ranking.SPREAD_LOGIT**2 * (n - 1) / n, rtol=1e-3)

@@ -22,7 +22,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score import moisture
+from seqrsm.score import brightness, moisture
 from seqrsm.score.bare_soil import _away_from_edges, _covariance, _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
@@ -806,3 +806,21 @@ def test_standard_errors_are_those_of_normal_errors(monkeypatch: pytest.MonkeyPa
     assert (error.value, error.se) == pytest.approx((sd, sd / np.sqrt(2.0 * n)), rel=0.06)
     assert skill.value == pytest.approx(1.0 - (sd / spread) ** 2, abs=0.02)
     assert skill.se == pytest.approx(sd**2 * np.sqrt(2.0 / n) / spread**2, rel=0.06)
+
+
+def test_a_date_is_as_moist_as_one_between_the_stated_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The prior of the date's mean is that of a uniform draw, and of the ground's own departure about it."""
+    asked: list[tuple[float, float]] = []
+
+    def seen(costs, grid, mean, sd):
+        asked.append((mean, sd))
+        return posterior_mean(costs, grid, mean, sd)
+
+    monkeypatch.setattr(brightness, "posterior_mean", seen)
+    s = land(("Bareground",), np.zeros_like(KINDS))
+    r = radiometer(
+        frequency_ghz=1.4, **BAND, soil_moisture_low=0.1, soil_moisture_high=0.4, soil_moisture_region_sd=0.05
+    )
+    retrieved_squares(simulate_radiometer(s, r, quiet_table(), seed=2, run_id=1), s)
+    of_date = stats.uniform(0.1, 0.3)
+    assert asked[0] == pytest.approx((of_date.mean(), np.hypot(of_date.std(), 0.05)))
