@@ -193,6 +193,9 @@ def test_agreement_is_that_of_scipy():
     for _ in range(20):
         x, y = rng.integers(0, 4, 9).astype(float), rng.integers(0, 5, 9).astype(float)
         assert ranking._kendall(x, y) == pytest.approx(kendalltau(x, y).statistic)
+    # One pair the wrong way round and six the right way.
+    both = [Ranking(0, ((1,), (0,))), Ranking(0, ((0,), (1,), (2,), (3,)))]
+    assert ranking._agreement(both, np.array([3.0, 2.0, 1.0, 0.0]), 0) == pytest.approx(5 / 7)
 
 
 @pytest.mark.parametrize("n", [3, 12])

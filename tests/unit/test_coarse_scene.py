@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_scene
 
-from seqrsm.scene.layers import cells_in_one, coarse_scene
+from seqrsm.scene.layers import cells_in_one, centres_of_fields, coarse_scene
 
 
 def made(rows=43, cols=50):
@@ -46,3 +46,11 @@ def test_a_data_base_that_would_be_too_small_stays() -> None:
 )
 def test_blocks_leave_so_many_cells_in_a_pixel(cell_m, detail_m, cells, wanted) -> None:
     assert cells_in_one(cell_m, detail_m, cells) == wanted
+
+
+def test_a_field_lies_where_its_cells_do() -> None:
+    """Of the first two rows and of the rest of 6 by 4 cells of 10 m, from the north-western corner."""
+    whole = made(6, 4)
+    field = np.repeat([0, 0, 1, 1, 1, 1], 4).reshape(6, 4).astype(np.int32)
+    scene = replace(whole, field_id=field, cover=np.zeros_like(whole.cover))
+    np.testing.assert_allclose(centres_of_fields(scene), [[10.0, 40.0], [20.0, 20.0]])

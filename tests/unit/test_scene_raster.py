@@ -79,6 +79,31 @@ def test_a_plane_keeps_its_heights_and_the_cover_its_place(files, tmp_path, poin
     assert np.array_equal(load_scene(tmp_path / "scene.npz").cover, scene.cover)
 
 
+@pytest.mark.parametrize("by", ["tie point", "transformation"])
+def test_cells_longer_than_wide_and_a_place_told_of_one_within(tmp_path, by):
+    """Cells of 10 by 4 m; the fourth of the sixth row begins 30 m east and 20 m south of the corner."""
+    told = {
+        "tie point": [
+            (33550, "d", 3, (10.0, 4.0, 0.0), True),
+            (33922, "d", 6, (3.0, 5.0, 0.0, 1030.0, 4980.0, 0.0), True),
+        ],
+        "transformation": [(34264, "d", 16, (10.0, 0, 0, 1000.0, 0, -4.0, 0, 5000.0, *(0.0,) * 7, 1.0), True)],
+    }
+    keys = (1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 31370)
+    tags = [*told[by], (34735, "H", len(keys), keys, True)]
+    i, j = np.mgrid[0:50, 0:20]
+    plane = 100.0 + 0.3 * (10.0 * j + 5.0) - 0.2 * (4.0 * i + 2.0)
+    tifffile.imwrite(tmp_path / "z.tif", plane.astype(np.float32), extratags=tags, metadata=None)
+    tifffile.imwrite(tmp_path / "c.tif", np.where(i < 20, 1, 2).astype(np.uint8), extratags=tags, metadata=None)
+    (tmp_path / "legend.csv").write_text(LEGEND, encoding="utf-8")
+    found = import_scene(tmp_path / "z.tif", tmp_path / "c.tif", tmp_path / "legend.csv")
+    assert (found.cell_m, found.shape, found.bounds) == (4.0, (50, 50), (1000.0, 4800.0, 1200.0, 5000.0))
+    i, j = np.mgrid[0:50, 0:50]
+    exact = 100.0 + 0.3 * (4.0 * j + 2.0) - 0.2 * (4.0 * i + 2.0)
+    np.testing.assert_allclose(found.elevation_m[:, 2:-2], exact[:, 2:-2], atol=1e-3)
+    np.testing.assert_array_equal(found.cover, np.where(i < 20, 0, 1))
+
+
 def test_coarser_cells_and_gaps(files, tmp_path):
     values = tifffile.imread(files["elevation"])
     values[5, 8] = -9999.0
@@ -119,9 +144,15 @@ def test_a_raster_of_temperature_becomes_a_layer(files, tmp_path):
         import_scene(**files, layers={"temperature": other})
 
 
-def test_degrees_are_refused_with_the_remedy(files, tmp_path):
-    files["elevation"] = write(tmp_path / "d.tif", np.zeros((30, 30), np.float32), 0.001, 4.7, 50.9, model=2, code=4326)
-    with pytest.raises(SceneError, match=r"in degrees.*gdalwarp -t_srs EPSG:32631"):
+@pytest.mark.parametrize(
+    ("left", "top", "zone"), [(4.7, 50.9, 32631), (5.9, 50.9, 32631), (5.99, 50.9, 32632), (5.9, -20.0, 32731)]
+)
+def test_degrees_are_refused_with_the_remedy(files, tmp_path, left, top, zone):
+    """The zone is that of the middle; 31 ends at 6 degrees east."""
+    files["elevation"] = write(
+        tmp_path / "d.tif", np.zeros((30, 150), np.float32), 0.001, left, top, model=2, code=4326
+    )
+    with pytest.raises(SceneError, match=rf"in degrees.*gdalwarp -t_srs EPSG:{zone} "):
         import_scene(**files)
 
 
