@@ -59,7 +59,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.figures.drawing import svg_for_html
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
-from seqrsm.report.sections.candidates import candidate_section
+from seqrsm.report.sections.candidates import _note, candidate_section
 from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.data import interpreter_table
 from seqrsm.report.sections.measure import measure_section
@@ -406,8 +406,12 @@ def test_candidates_are_in_all_faces(capsys) -> None:
         "looks recalled, not verified",
         "could not be evaluated: its cell is too fine",
         "of 7 available",
+        "\u22124.1 \u00b1 0.9",
+        "19 looks; at 38\u00a0deg incidence noise \u221226.1\u00a0dB, score 58.2\u00a0percent",
     ):
         assert text in told
+    wide = {"name": "AMSR2", "places": [{"cell_m": 4e4, "footprint_m": [62e3, 35e3], "incidence_deg": 55.0}]}
+    assert _note(wide, 1, "percent") == "AMSR2: footprint 62.0 by 35.0\u00a0km at 55\u00a0deg."
     (panel,) = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
     assert "<svg" in panel.svg
     assert panel.data is not None

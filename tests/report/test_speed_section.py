@@ -76,6 +76,10 @@ def test_each_application_is_told_in_its_own_unit_and_digits() -> None:
     assert "accepted: 0.002 m3/m3" in other.caption.replace("\u00a0", " ")
     assert [cell.text.partition(" ")[0] for cell in other.rows[0][4:6]] == ["\u22120.0012", "0.0031"]
     assert one.rows[1][5].text == "0.30"
+    assert [(column.unit, cell.text) for column, cell in zip(one.columns, one.rows[1], strict=True)][2:4] == [
+        ("ms", "100"),
+        ("%", "10.0"),
+    ]
 
 
 def test_coarser_scenes_that_average_no_cells_are_one_row() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -213,6 +214,8 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         (check,) = [check for check in found.decision.checks if check.name == "guess"]
         assert check.holds is held
         assert (found.data.guess, found.data.perfect) == (pytest.approx(best + away), pytest.approx(100.0))
+        told = [float(number) for number in re.findall(r"[\d.]+", _ends(found)[0][1])]
+        assert told == pytest.approx([best + away, 100.0], abs=0.01)
         assert any("no setting is shown to beat guessing" in text for text in found.decision.reasons) is not held
         assert recommendation(found).startswith("Recommended" if held else "No setting is shown to do better")
         title = _settings_table(found).caption
