@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from statsmodels.api import OLS
+from statsmodels.stats.outliers_influence import OLSInfluence
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
-from seqrsm.report.blocks import Bullets, KeyFigures, Paragraph, Table
+from seqrsm.report.blocks import Bullets, Details, KeyFigures, Paragraph, Table
 from seqrsm.report.content import build_report
+from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
 
 TEXT = """\
 [campaign]
@@ -207,3 +210,32 @@ def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):
         assert text in terminal
     importance = plain(next(i.detail for i in figures.items if i.label == "Most important factor"))
     assert re.search(r"F = ([\d.]+)", importance)[1] in terminal
+
+
+def test_tables_of_the_model_are_those_of_the_document(folder, document):
+    (analysis,) = assemble(Campaign.open(folder), lambda text: None).analyses
+    shares = next(block for block in importance_section(analysis, "k").blocks if isinstance(block, Table))
+    of_factor = {row["factor"]: row for row in document["factors_importance"]}
+    assert [column.title for column in shares.columns[-2:]] == ["Main effect", "Total effect"]
+    for row in shares.rows:
+        own = of_factor[row[0].text]
+        agree(row[1].text, own["df"])
+        agree(row[4].text, 100.0 * own["share"])
+        agree(row[5].text, 100.0 * own["share_total"])
+    assert any(row[4].text != row[5].text for row in shares.rows)
+    details = next(block for block in model_section(analysis, "k").blocks if isinstance(block, Details))
+    (terms,) = details.blocks
+    assert [column.title for column in terms.columns[-2:]] == ["Posterior mean", "Posterior sd"]
+    for row, fitted, drawn in zip(terms.rows, document["terms"], document["posterior"]["terms"], strict=True):
+        agree(row[1].text, fitted["coded"]["estimate"])
+        agree(row[2].text, fitted["coded"]["se"])
+        agree(row[7].text, drawn["mean"])
+        agree(row[8].text, drawn["sd"])
+
+
+def test_the_share_of_small_residuals_is_that_of_statsmodels(folder):
+    (analysis,) = Campaign.open(folder).analyse_all()
+    found = OLSInfluence(OLS(analysis.fit.y, analysis.fit.Z).fit()).resid_studentized_external
+    (told,) = (block for block in diagnostics_section(analysis, "k").blocks if isinstance(block, Bullets))
+    share = f"{100.0 * np.mean(np.abs(found) <= 2.0):.0f} % of the studentised residuals lie within -2 and 2."
+    assert plain(told.items[-1]) == share
