@@ -579,3 +579,7 @@ def test_the_history_tells_the_loss_of_each_look_that_has_one(simulated):
     (looks,) = section.blocks[-1].blocks
     place = [column.heading for column in looks.columns].index("Expected loss [percent]")
     assert [row[place].text for row in looks.rows] == ["0.123", *("" for _ in bare)]
+    place = [column.heading for column in looks.columns].index("Mean at optimum [percent]")
+    means = [row[place].text for row in looks.rows]
+    assert means[0] != means[-1]
+    assert section.blocks[0].panels[-1].alt.endswith(f", last {means[-1]}\u00a0percent.")
