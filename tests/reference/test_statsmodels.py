@@ -11,7 +11,8 @@ from half_widths import half_width
 from scipy import stats
 from statsmodels.stats.outliers_influence import OLSInfluence, variance_inflation_factor
 
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.intervals import known
+from seqrsm.fit.least_squares import AliasedError, fit_least_squares, influential_runs, normal_plot, outlier_p
 
 
 def problem(seed: int, weighted: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[SimpleNamespace]]:
@@ -88,6 +89,54 @@ def test_influence(seed: int) -> None:
     if Z.shape[1] > 2:
         vif = [variance_inflation_factor(Z, i) for i in range(1, Z.shape[1])]
         np.testing.assert_allclose(ours.vif()[1:], vif, rtol=1e-9)
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_outliers_are_those_of_the_runs_that_have_a_residual(alone: bool) -> None:
+    """A run that alone determines a term has no residual, and is none of those that are tested."""
+    Z, y, _, terms = problem(4, False)
+    y[3] += 40.0
+    theirs = OLSInfluence(sm.OLS(y, Z).fit())
+    t, n = theirs.resid_studentized_external, len(y)
+    tested = np.isfinite(t)
+    if alone:
+        Z, y = np.vstack([np.column_stack([Z, np.zeros(n)]), np.eye(1, Z.shape[1] + 1, Z.shape[1])]), np.append(y, 50.0)
+        terms = [*terms, SimpleNamespace(name="alone", kind="linear")]
+        tested, t = np.append(tested, False), np.append(t, np.nan)
+    fit = fit_least_squares(Z, y, terms)
+    wanted = np.where(tested, 2.0 * tested.sum() * stats.t.sf(np.abs(t), fit.df_residual - 1), np.nan)
+    np.testing.assert_allclose(outlier_p(fit), wanted, rtol=1e-6, atol=1e-12)
+    plot = normal_plot(fit)
+    blom = stats.mstats.plotting_positions(plot.residuals, 0.375, 0.375)
+    np.testing.assert_allclose(plot.quantiles, stats.norm.ppf(blom), rtol=1e-9, atol=1e-12)
+
+
+def test_runs_of_large_cooks_distance_are_named() -> None:
+    between = 0
+    for seed in range(12):
+        Z, y, _, terms = problem(seed, False)
+        cooks, n = OLSInfluence(sm.OLS(y, Z).fit()).cooks_distance[0], len(y)
+        found = influential_runs(fit_least_squares(Z, y, terms))
+        named = {run.run for run in found if any("Cook" in reason for reason in run.reasons)}
+        assert named == set(np.flatnonzero(cooks > 4.0 / n))
+        between += np.count_nonzero((cooks > 4.0 / n) & (cooks < 4.0 / (n - len(terms))))
+    assert between  # some are named by a limit of 4/n that one of 4/(n - p) would leave out
+
+
+def test_columns_apart_by_more_than_the_error_of_settings_are_told_apart() -> None:
+    """Two of 100 runs that differ by 0.003 root mean square: more than an error of 0.001, less than one of 0.004."""
+    rng = np.random.default_rng(0)
+    a, apart = rng.uniform(-1.0, 1.0, 100), 0.003 * rng.choice([-1.0, 1.0], 100)
+    Z = np.column_stack([np.ones(100), a, a + apart])
+    terms = [SimpleNamespace(name=f"z{i}", kind="linear" if i else "intercept") for i in range(3)]
+    fit_least_squares(Z, rng.normal(size=100), terms, tolerance=0.001)
+    with pytest.raises(AliasedError, match="z1, z2"):
+        fit_least_squares(Z, rng.normal(size=100), terms, tolerance=0.004)
+
+
+def test_digits_that_an_uncertainty_supports() -> None:
+    told = [known(*pair) for pair in ((12.3456, 0.0123), (60.123, 5.2), (1234.6, 23.0), (0.5, 0.0))]
+    assert told == ["12.346", "60.1", "1235", "0.5"]
 
 
 def test_quantiles_by_another_route() -> None:

@@ -12,6 +12,7 @@ from process_cases import bowl, factors, fitted, hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis.belief import intervals_by_draws
+from seqrsm.analysis.conclude import as_found
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis, BlockResponse
 from seqrsm.analysis.study import block_study
@@ -19,6 +20,7 @@ from seqrsm.analysis.surfaces import RandomBlocks
 from seqrsm.campaign import next_runs
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import check_campaign
+from seqrsm.decide.stopping import StopRule
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
@@ -55,6 +57,8 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     for weight in (1.0, 3.0):
         sd = quadratic.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
+    known = as_found(StopRule(), replace(fitted, departure=quadratic), flown[1].optimum.point)
+    assert known.ground_share == pytest.approx(day / (STUDENT * own + day), rel=1e-9)  # all of a day's runs share it
     _, _, of_days = found.draws(100_000, np.random.default_rng(1))
     assert surface.common_sd == pytest.approx(np.mean(of_days), rel=0.05)
 
