@@ -119,7 +119,9 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
         except (KeyboardInterrupt, StoppedError):
             fail_stopped()
         except Exception:
-            if swallowed:  # what the interrupt left half done has failed for want of the rest
+            # What the interrupt left half done has failed for want of the rest, or made an error of its own of it, as
+            # the import of a compiled library does.
+            if swallowed or _signals:
                 fail_stopped()
             raise
         finally:

@@ -148,6 +148,15 @@ def test_a_second_interrupt_does_not_disturb_the_end() -> None:
     _ends_as_interrupted(code)
 
 
+def test_an_interrupt_that_an_import_makes_its_own_error_of_ends_the_command() -> None:
+    """As compiled libraries do: "ImportError: initialization failed", from what was raised in between."""
+    code = "import os, signal, sys, seqrsm.cli.app as cli\nfrom seqrsm.cli.console import guarded\n"
+    code += "def load():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n    except BaseException as error:\n"
+    code += "        raise ImportError('initialization failed') from error\ncli.app.command('load')(guarded(load))\n"
+    code += "sys.argv = ['seqrsm', 'load']\ncli.main()"
+    _ends_as_interrupted(code)
+
+
 def test_a_scene_that_was_away_changes_nothing(tmp_path, tiny_scene) -> None:
     """Its settings are not given up, and no others take their place: the end is that of an undisturbed campaign."""
     calm, folder = make_tiny(tmp_path / "calm", tiny_scene), make_tiny(tmp_path / "tiny", tiny_scene)
