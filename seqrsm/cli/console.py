@@ -43,7 +43,7 @@ EXIT_CLOSED_PIPE = 141
 """Nobody reads on; what a shell tells of a program that SIGPIPE ended."""
 EXIT_TERMINATED = 143
 _INTERRUPTED = "interrupted"
-_KEPT = "; all scores so far are kept, and the same command continues from here"
+_KEPT = "; all scores so far are kept, and the same command goes on from them"
 """Where a campaign is open."""
 _AGAIN_S = 0.1
 """After this time an interrupt comes again that a callback has swallowed."""

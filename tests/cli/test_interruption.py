@@ -101,7 +101,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
         except subprocess.TimeoutExpired:
             continue
     assert process.returncode == 130, err
-    assert "continues from here" in err
+    assert "goes on from them" in err
     assert "Traceback" not in err
     # no run is left in the hands of the process that is gone
     assert "running" not in {run[4] for run in result(folder)}
@@ -120,7 +120,7 @@ def test_an_interrupt_ends_a_run_with_two_workers(tmp_path, tiny_scene, how) -> 
     process.send_signal(how)
     _, err = process.communicate(timeout=120)
     assert process.returncode == (130 if how == signal.SIGINT else 143), err
-    assert "continues from here" in err
+    assert "goes on from them" in err
     assert "Traceback" not in err
     assert "running" not in {run[4] for run in result(folder)}
 
