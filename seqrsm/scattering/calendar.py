@@ -199,14 +199,15 @@ class Calendar:
         rows, cross = self._fields(categories), int(channel == "HV")
         years = np.empty((4, len(rows), DAYS.size))
         for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
-            tilt, closed, days, late, sd = 0.0 * DAYS, 0.0 * DAYS + 1.0, level_days(frequency_ghz), self.late_days, 0.0
+            tilt, days, late, sd = 0.0 * DAYS, level_days(frequency_ghz), self.late_days, 0.0
+            closed = self._closed(name)
             if name in self.own:
                 change, sd = self._of_own(name, frequency_ghz, channel)
                 days, late = _EVEN_DAYS, 0
             else:
                 change = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
                 if row.group != "even":
-                    closed, sd = _canopy(name)[1], _sd_db(row.group, frequency_ghz, cross)
+                    sd = _sd_db(row.group, frequency_ghz, cross)
                     tilt = -_TILT_DB_PER_DEG * (closed[_FLIGHTS].mean() - closed)
             if world is not None:
                 own, soil = (world.season(one, kin[one], frequency_ghz, channel, days) for one in (name, BARE_SOIL))
@@ -220,10 +221,7 @@ class Calendar:
 
     def closed(self, category: str, day: float) -> float:
         """Share of the soil that a cover hides on a day; 1 where even, or with a user's course."""
-        (row,) = self._fields((category,))
-        if category in self.own or row.group == "even":
-            return 1.0
-        return float(on_day(_canopy(category)[1], day - self.late_days))
+        return float(on_day(self._closed(category), day - self.late_days))
 
     def canopy_share(self, category: str, day: float) -> float:
         """Water of a cover's canopy on a day over that of the growing season; 1 where even, or with a user's course."""
@@ -245,6 +243,10 @@ class Calendar:
         when = f"{abs(self.late_days)} days {'later' if self.late_days > 0 else 'earlier'}"
         moved = [f"the built-in calendar of crops comes {when} (as configured)"] if self.late_days else []
         return *moved, *(self.own[name][channel].note for name in dict.fromkeys(categories) if name in self.own)
+
+    def _closed(self, category: str) -> FloatArray:
+        """See `closed`, through a year that is not late (365,)."""
+        return np.ones(DAYS.size) if category in self.own or not has_course(category) else _canopy(category)[1]
 
     def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
         """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""

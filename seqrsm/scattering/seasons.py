@@ -22,12 +22,12 @@ from seqrsm.scattering.models import (
     reflectivity_fresnel,
 )
 from seqrsm.scattering.readers import POLARIZATIONS, Row, numbers_of, shipped_rows
+from seqrsm.scattering.worlds import BARE_SOIL
 from seqrsm.units import db_to_linear, linear_to_db
 
 Snow = Literal["none", "dry", "wet"]
 
 _THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))
-_SOIL: Final = "Bareground"
 _SOIL_RMS_M, _ICE_RMS_M = 0.01, 0.003
 _MOISTURE: Final = 0.2
 _FROZEN, _ICE = 4.5 + 0.2j, 3.15 + 0.001j
@@ -39,7 +39,7 @@ def seasonal_curves(curves: Mapping[tuple[str, str], Curve]) -> dict[tuple[str, 
     out = {}
     for row in shipped_rows("seasons.csv"):
         category, season = row.text("category"), row.text("season")
-        out[category, season] = _season(row, curves[category, "spring_summer"], curves[_SOIL, "spring_summer"])
+        out[category, season] = _season(row, curves[category, "spring_summer"], curves[BARE_SOIL, "spring_summer"])
     return out
 
 

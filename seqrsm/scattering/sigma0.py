@@ -214,16 +214,14 @@ class Sigma0Table:
         frequency = float(frequency_ghz)
         state = _State(frequency, float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
         unknown = unknown_covers("backscatter", self.categories, self.file, categories)
-        found = for_each(
-            categories, lambda name: _evaluate(self._curve(name, season), channel, state, self.world), unknown
-        )
+        world = self.world if day is None else None  # on a day it departs by the part of a cover that is closed
+        found = for_each(categories, lambda name: _evaluate(self._curve(name, season), channel, state, world), unknown)
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
         through = None
         if day is not None:
-            still = for_each(names, lambda name: _evaluate(self._curve(name, season), channel, state, None))
-            value, sd, through = self._on_day(names, still, channel, state, day)
+            value, sd, through = self._on_day(names, found, channel, state, day)
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}

@@ -125,36 +125,37 @@ def test_an_interrupt_ends_a_run_with_two_workers(tmp_path, tiny_scene, how) -> 
     assert "running" not in {run[4] for run in result(folder)}
 
 
-def _ends_as_interrupted(code: str) -> None:
+INTERRUPTING = """
+import atexit, os, signal, sys, seqrsm.cli.app as cli
+from seqrsm.cli.console import guarded
+
+interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def _ends_as_interrupted(code: str, command: str = "") -> None:
+    """``command``: name of a function of the code that is the command."""
+    named = f"cli.app.command('it')(guarded({command}))\nsys.argv = ['seqrsm', 'it']\n" if command else ""
     done = subprocess.run(
-        [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
-        check=False,
+        [sys.executable, "-c", f"{INTERRUPTING}{code}\n{named}cli.main()"],
+        stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (130, "interrupted\n")  # without a campaign there is nothing to continue
 
 
 def test_an_interrupt_before_a_command_has_begun() -> None:
-    code = "import os, signal, seqrsm.cli.app as cli\n"
-    code += "cli.app = lambda: os.kill(os.getpid(), signal.SIGINT)\ncli.main()"
-    _ends_as_interrupted(code)
+    _ends_as_interrupted("cli.app = interrupt")
 
 
 def test_a_second_interrupt_does_not_disturb_the_end() -> None:
     """On a busy machine the end takes long, and a person gives Ctrl-C again."""
-    code = "import os, signal, atexit, sys, seqrsm.cli.app as cli\nfrom seqrsm.cli.console import guarded\n"
-    code += "interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)\n"
-    code += "atexit.register(interrupt)\ncli.app.command('wait')(guarded(interrupt))\n"
-    code += "sys.argv = ['seqrsm', 'wait']\ncli.main()"
-    _ends_as_interrupted(code)
+    _ends_as_interrupted("atexit.register(interrupt)", "interrupt")
 
 
 def test_an_interrupt_that_an_import_makes_its_own_error_of_ends_the_command() -> None:
     """As compiled libraries do: "ImportError: initialization failed", from what was raised in between."""
-    code = "import os, signal, sys, seqrsm.cli.app as cli\nfrom seqrsm.cli.console import guarded\n"
-    code += "def load():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n    except BaseException as error:\n"
-    code += "        raise ImportError('initialization failed') from error\ncli.app.command('load')(guarded(load))\n"
-    code += "sys.argv = ['seqrsm', 'load']\ncli.main()"
-    _ends_as_interrupted(code)
+    load = "def load():\n    try:\n        interrupt()\n    except BaseException as error:\n"
+    _ends_as_interrupted(load + "        raise ImportError('initialization failed') from error", "load")
 
 
 def test_a_scene_that_was_away_changes_nothing(tmp_path, tiny_scene) -> None:
