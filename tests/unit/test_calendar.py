@@ -147,6 +147,28 @@ def test_bare_fields_depart_by_the_error_of_one_soil(channel, frequency):
             np.testing.assert_allclose(between, 0.0, atol=1e-9)
 
 
+def test_half_closed_crops_depart_as_far_as_is_told():
+    """A crop's own departure and the soil's are related: taken for independent, their sum would be 10 % too wide."""
+    worlds = [TABLE.in_world(World(5, k)) for k in range(1500)]
+    pair, day, frequency = ("Corn", "Vegetables"), 152, 1.25
+    told = at(day, "HH", frequency, pair)
+    looked = [at(day, "HH", frequency, pair, world) for world in worlds]
+    course = np.array([one.course.at_angles(day, np.array([40.0]))[:, 0] for one in looked])
+    level = np.array([10.0 * np.log10(one.sigma0[:, 40]) for one in looked]) - course
+    of_course = told.course.sd_db[:, day - 1]
+    np.testing.assert_allclose(told.course.closed[:, day - 1], 0.5, atol=0.15)
+    np.testing.assert_allclose(course.std(axis=0), of_course, rtol=0.05)
+    np.testing.assert_allclose(level.std(axis=0), np.sqrt(told.mean_sd_db**2 - of_course**2), rtol=0.05)
+
+
+def test_a_world_knows_how_far_bare_fields_lie_apart():
+    world = World(5, 2)
+    factor = world.field_factor("Bareground")
+    own, drawn = (at(15, table=table).course.bare_field_sd_db for table in (TABLE, TABLE.in_world(world)))
+    assert abs(factor - 1.0) > 0.1
+    assert drawn == pytest.approx(own * factor)
+
+
 def test_two_sites_of_c_band_depart_alike_over_bare_fields_and_not_over_crops():
     """Maize and winter wheat, western France less central Europe, Sentinel-1: from November to March both are bare."""
     text = (DATA / "calendar_c_band.csv").read_text(encoding="utf-8")
@@ -533,6 +555,16 @@ def test_bare_fields_emit_as_one_soil_in_any_world():
         assert parts.std() > 0.02
         assert (np.corrcoef(parts.T)[0, 1] < 0.8) == apart
         assert apart or np.corrcoef(parts.T)[0, 1] > 0.999
+
+
+@pytest.mark.parametrize("day", [15, 152, 200])
+def test_half_closed_crops_emit_as_far_off_as_is_told(day):
+    """Maize, bare, half closed and closed."""
+    table = load_emissivity_table()
+    told = table.lookup(("Corn",), 1.4, "H", day=day)
+    worlds = (table.in_world(World(6, k)).lookup(("Corn",), 1.4, "H", day=day) for k in range(1500))
+    parts = [(1.0 - world.emissivity[0, 4, 40]) / (1.0 - told.emissivity[0, 4, 40]) for world in worlds]
+    assert np.std(parts) == pytest.approx(told.mean_part[0], rel=0.06)
 
 
 def test_weather_and_year_do_not_tell_bare_fields_of_one_crop_from_those_of_another():

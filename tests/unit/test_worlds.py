@@ -10,7 +10,7 @@ import pytest
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.readers import DATA, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency
+from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency, related_covers
 from seqrsm.simulate.visits import deviates, related_fields
 
 N = 1500
@@ -61,6 +61,13 @@ BETWEEN_L_AND_5_GHZ = AT[1.25] * (2 - AT[5.0]) / (np.hypot(1 - AT[1.25], AT[1.25
 def test_correlations_are_those_stated(other: tuple, correlation: float) -> None:
     found = np.corrcoef(drawn(*WHEAT), drawn(*other))[0, 1]
     assert found == pytest.approx(correlation, abs=4.0 * (1.0 - correlation**2) / np.sqrt(N) + 0.03)
+
+
+@pytest.mark.parametrize("kin", [("grass", "grass"), ("grass", "short_vegetation"), ("grass", ""), ("", "")])
+def test_covers_of_a_class_are_related_as_their_departures_are(kin: tuple[str, str]) -> None:
+    """As drawn for covers of two names."""
+    found = np.corrcoef(drawn("Wheat", kin[0], 1.25, "HH"), drawn("Bareground", kin[1], 1.25, "HH"))[0, 1]
+    assert related_covers(*kin) == pytest.approx(found, abs=4.0 * (1.0 - found**2) / np.sqrt(N))
 
 
 def test_h_and_v_of_emissivity_part_as_the_square_of_the_sine() -> None:
