@@ -47,6 +47,10 @@
       make(panel, "label", { "for": id }, factor.label);
       var slider = make(panel, "input", { id: id, type: "range", min: 0, max: factor.values.length - 1, step: 1 });
       slider.value = at[j];
+      // From the first value to the last of the plot below; the knob is 16 px wide.
+      var first = x(factor.x[0]), last = x(factor.x[factor.x.length - 1]);
+      slider.style.marginLeft = "calc(" + 100 * first / W + "% - 8px)";
+      slider.style.width = "calc(" + 100 * (last - first) / W + "% + 16px)";
       var svg = make(panel, "svg", { viewBox: "0 0 " + W + " " + H, role: "img" });
       slider.addEventListener("input", function () { at[j] = Number(slider.value); draw(); });
       return { slider: slider, svg: svg };
