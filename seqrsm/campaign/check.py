@@ -35,7 +35,7 @@ from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec, placed
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.store import Store
 
@@ -156,6 +156,11 @@ class CheckResult(Judged):
     hardware: tuple[str, ...] = ()
     others: tuple[Judged, ...] = ()
 
+    @property
+    def judged(self) -> tuple[Judged, ...]:
+        """All applications, the farthest from its targets first."""
+        return self, *self.others
+
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
         return asdict(self)
@@ -265,6 +270,20 @@ def _judged(
     )
 
 
+def refusals(folder: Path, result: CheckResult) -> list[Problem]:
+    """Targets that cannot be reached, with their places in ``campaign.toml``."""
+    found = []
+    for one in result.judged:
+        if not one.refused:
+            continue
+        spec = load_spec(folder)
+        k = [each.name for each in spec.applications].index(one.application)
+        own = spec.applications[k].half_width is not None and spec.stop.max_runs >= one.min_runs
+        field, *path = ("[[application]] half_width", "application", k, "half_width") if own else ("[stop]", "stop")
+        found.append(placed(spec, Problem(one.refused, field=field), *path))
+    return found
+
+
 def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
     """Widen the stop targets of a new simulated campaign, where they are out of reach, to what its budget reaches.
 
@@ -275,7 +294,7 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
     path, reasons = folder / SPEC_NAME, []
     text = path.read_text(encoding="utf-8")
     for key, target in (("half_width", "target"), ("loss", "target_loss")):
-        one = max((result, *result.others), key=lambda one: float(getattr(one.plans[0], key)))
+        one = max(result.judged, key=lambda one: float(getattr(one.plans[0], key)))
         expected, allowed = getattr(one.plans[0], key), getattr(one, target)
         if not expected > allowed:
             continue

@@ -34,7 +34,7 @@ from seqrsm.cli.console import (
 )
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import SpecError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -188,10 +188,9 @@ def check(folder: Folder, as_json: AsJson = False) -> None:
 
     Validates the specification, and estimates cost and whether the target half-width can be reached. Starts no runs.
     """
-    from seqrsm.campaign.check import check_campaign
+    from seqrsm.campaign.check import check_campaign, refusals
     from seqrsm.cli.blocks import show_sections
     from seqrsm.report.sections.check import check_sections
-    from seqrsm.spec.read import load_spec, placed
 
     with display("checking", inner=False) as shown:
         result = check_campaign(folder, partial(shown.count, "checking"))
@@ -200,17 +199,10 @@ def check(folder: Folder, as_json: AsJson = False) -> None:
     else:
         show_sections(check_sections(result))
         line()
-    judged = (result, *result.others)
-    if refused := [one for one in judged if one.refused]:
-        spec, problems = load_spec(folder), []
-        for one in refused:
-            k = [each.name for each in spec.applications].index(one.application)
-            own = spec.applications[k].half_width is not None and spec.stop.max_runs >= one.min_runs
-            field, *path = ("[[application]] half_width", "application", k, "half_width") if own else ("[stop]", "stop")
-            problems.append(placed(spec, Problem(one.refused, field=field), *path))
+    if problems := refusals(folder, result):
         raise SpecError(*problems)
     if not as_json:
-        for problem in (warned := [one.target_problem for one in judged if one.target_problem]):
+        for problem in (warned := [one.target_problem for one in result.judged if one.target_problem]):
             line(f"Warning: {problem}")
         if not warned:
             line("See the notes on the region and the scene." if result.combinations else "No problems found.")

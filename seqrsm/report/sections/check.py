@@ -17,7 +17,7 @@ from seqrsm.report.wording import with_unit
 def check_sections(result: CheckResult) -> tuple[Section, ...]:
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     cost = f", cost {with_unit(format_plain(result.cost), result.cost_unit)}" if result.cost_unit else ""
-    judged = (result, *result.others)
+    judged = result.judged
     least, most = (str(max(own)) for own in zip(*((j.min_runs, j.min_runs_departed) for j in judged), strict=True))
     if most != least:
         least += f", or up to {most} if scores favour another surface than a quadratic"
