@@ -548,6 +548,8 @@ def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_po
     where = f"{len(met)} of {n_points} settings, for instance at {shown}"
     text = f"{str(problem).rstrip('.')}. This happens at {where}"
     remedy = "Change it or all ranges." if fixed else "Narrow the factor's range, or add a [[constraint]]."
+    if problem.message.endswith("missing"):  # of one sensor of a set; no range gives it
+        remedy = ""
     name, names = str(problem.field), spec.region.names
     return placed(
         spec, Problem(text, remedy), *(("factor", names.index(name)) if name in names else ("simulator", "fixed", name))

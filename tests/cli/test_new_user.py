@@ -263,6 +263,16 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     assert "Narrow" not in everywhere
 
 
+def test_what_one_sensor_of_a_set_lacks_is_not_mended_by_a_range(tmp_path) -> None:
+    call("init", tmp_path / "c", "--template", "langegracht-dates")
+    file = tmp_path / "c" / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace('polarization = "HH+HV"', ""), encoding="utf-8")
+    told = call("check", tmp_path / "c", code=2)
+    assert "polarization: sensor L of the set: missing. Make it a factor or give it under [simulator.fixed]" in told
+    assert "for instance at frequency L, " in told
+    assert "Narrow" not in told
+
+
 def test_a_sensor_that_cannot_be_built_is_told_once_however_many_its_numbers_are(tiny) -> None:
     text = (tiny / "campaign.toml").read_text(encoding="utf-8")
     looks = '[[factor]]\nname = "looks"\nlow = 1\nhigh = 1e6\nscale = "log"\n[[application]]'
