@@ -15,7 +15,15 @@ from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.guards import see_meaning
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.simulation import NO_RUN, SimulationTask, scene_at, score_images, simulate_images, task_of
+from seqrsm.campaign.simulation import (
+    NO_RUN,
+    Acquisition,
+    SimulationTask,
+    scene_at,
+    score_images,
+    simulate_images,
+    task_of,
+)
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text, with_units
 from seqrsm.design.region import Region
@@ -244,6 +252,8 @@ class ImagePanel:
         For example "At the optimum".
     settings : Mapping[str, float | str]
         Sensor settings in natural units, by factor name.
+    engine : str
+        That of its sensor.
     channels : tuple of str
         Polarization of each plane of ``greytone``.
     greytone : ndarray (channels, across, along) of uint8
@@ -258,6 +268,7 @@ class ImagePanel:
 
     title: str
     settings: Mapping[str, float | str]
+    engine: str
     channels: tuple[str, ...]
     greytone: AnyArray
     pixel_m: float
@@ -271,6 +282,8 @@ def report_pictures(
 ) -> tuple[tuple[ImagePanel, ...], int, tuple[str, ...]]:
     """Simulate the pictures of a report at settings of `chosen_settings`, all on one occasion, in one calibration.
 
+    Of several images the first of each sensor.
+
     Returns
     -------
     tuple of ImagePanel
@@ -279,37 +292,41 @@ def report_pictures(
     tuple of str
         What the simulations assumed.
     """
-    made: list[tuple[str, Mapping[str, float | str], Picture, UtilityScore]] = []
+    made: list[tuple[str, Mapping[str, float | str], Acquisition, Picture, UtilityScore]] = []
     notes: dict[str, list[str]] = {}
     cell_m = 0.0
     for title, settings in chosen.items():
-        tell("simulating images", len(made), len(chosen))
+        tell("simulating images", len(notes), len(chosen))
         task = task_of(spec, NO_RUN, settings)
-        scene = scene_at(task.scene)
-        image, *others = images = simulate_images(task, scene)
+        scene, taken = scene_at(task.scene), task.acquisitions
+        images = simulate_images(task, scene)
         score = score_images(task, task.utilities[0][1], images, scene)
-        which = f" (image 1 of {len(images)}, {task.acquisitions[0].label})" if others else ""
         notes[title] = [note for one in images for note in one.notes]
-        made.append((f"{title}{which}", settings, picture_of(image), score))
+        for k, (one, image) in enumerate(zip(taken, images, strict=True)):
+            which = f" (image {k + 1} of {len(taken)}, {one.label})" if len(taken) > 1 else ""
+            if one.member not in [other.member for other in taken[:k]]:
+                made.append((f"{title}{which}", settings, one, picture_of(image), score))
         cell_m = scene.cell_m
-    scales = grey_scales(picture for _, _, picture, _ in made)
-    # Footprints of a sweep are longer to the sides, and lines lie apart by the flight: no pixel of theirs is square.
-    on_ground = spec.simulator is not None and spec.simulator.engine == "prm"
-    panels = tuple(
-        ImagePanel(
-            title=title,
-            settings=dict(settings),
-            channels=picture.channels,
-            greytone=_on_ground(greytones(picture, scales), picture) if on_ground else greytones(picture, scales),
-            pixel_m=cell_m if on_ground else picture.pixel_m,
-            score=score.value,
-            score_se=score.se,
-            caption=_caption(picture, scales),
+    scales = grey_scales(picture for *_, picture, _ in made)
+    panels = []
+    for title, settings, one, picture, score in made:
+        # Footprints of a sweep are longer to the sides, and lines lie apart by the flight: no pixel is square.
+        swept, grey = one.engine == "prm", greytones(picture, scales)
+        panels.append(
+            ImagePanel(
+                title=title,
+                settings=dict(settings),
+                engine=one.engine,
+                channels=picture.channels,
+                greytone=_on_ground(grey, picture) if swept else grey,
+                pixel_m=cell_m if swept else picture.pixel_m,
+                score=score.value,
+                score_se=score.se,
+                caption=_caption(picture, scales),
+            )
         )
-        for title, settings, picture, score in made
-    )
-    turns = made[0][2].quarter_turns if made else 0
-    return panels, turns, _notes(notes, scene.categories if made else ())
+    turns = made[0][3].quarter_turns if made else 0
+    return tuple(panels), turns, _notes(notes, scene.categories if made else ())
 
 
 def _notes(of_images: Mapping[str, Sequence[str]], covers: Sequence[str]) -> tuple[str, ...]:

@@ -149,7 +149,23 @@ def test_the_report_tells_what_every_sensor_of_a_set_rests_on(tmp_path, tiny_sce
     panels, _, notes = report_pictures(spec, chosen)
     assert "At the optimum: radiation by the Rayleigh-Jeans law" in notes
     assert "fading is independent between pixels and between channels" in notes
-    assert panels[0].title == "At the optimum (image 1 of 2, L, day 120)"
+    titles = [f"At the optimum (image {k} of 2, {name}, day 120)" for k, name in ((1, "L"), (2, "passive"))]
+    assert [one.title for one in panels] == [*titles, "Worst of the region"]
+    # A footprint is no square: cells of the ground are shown, also where the campaign's engine is a radar's.
+    scene = load_scene(tiny_scene)
+    assert (panels[1].engine, panels[1].pixel_m) == ("prm", scene.cell_m)
+    assert sorted(panels[1].greytone.shape[1:]) == sorted(scene.cover.shape)
+
+
+def test_the_report_shows_the_first_image_of_every_sensor(tmp_path, tiny_scene) -> None:
+    spec = load_spec(make_tiny(tmp_path / "both", tiny_scene, text()))
+    settings = {"frequency": "L+C", "dates": 2.0, "first_day": 120.0, "C.resolution": 30.0}
+    panels, _, _ = report_pictures(spec, {"At the optimum": settings})
+    assert [(one.channels, one.title) for one in panels] == [
+        (("HH",), "At the optimum (image 1 of 4, L, day 120)"),
+        (("VV", "VH"), "At the optimum (image 3 of 4, C, day 120)"),
+    ]
+    assert panels[0].score == panels[1].score
 
 
 @pytest.mark.parametrize(("sets", "n"), [(["L+C", "L+C+X"], 0), (["S+C"], 1), (["1.25+1.4", "1.4+1.25+C"], 1)])

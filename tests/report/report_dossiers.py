@@ -326,6 +326,7 @@ def simulated_dossier(folder: Path, *, n=48, draws=800) -> Dossier:
         ImagePanel(
             title=title,
             settings=analysis.optimum.settings,
+            engine="psm",
             channels=("HV",),
             greytone=np.stack([np.roll(grey, shift, axis=1)]),
             pixel_m=12.5,

@@ -42,7 +42,6 @@ from seqrsm.report.images import (
     reduction,
 )
 from seqrsm.report.rounding import format_plain, format_plus_minus
-from seqrsm.report.sections.literature import system_of
 from seqrsm.report.wording import (
     axis_label,
     capital,
@@ -90,18 +89,25 @@ def calendar_section(dossier: Dossier) -> Section | None:
     return Section("calendar", "Crop calendar", (FigureBlock(lambda: panels, caption),))
 
 
+_FRAMES = {
+    "psm": ("Radar images", "Range increases downwards, azimuth across."),
+    "prm": (
+        "Radiometer images",
+        "The scan runs down the images and the flight across; every ground cell shows the brightness of the nearest "
+        "footprint, white where there is none.",
+    ),
+}
+"""By engine: what its images are, and how they lie."""
+
+
 def image_section(dossier: Dossier) -> Section | None:
     """Return the simulated images beside the ground truth; None where there are none."""
     if not dossier.images and dossier.scene is None:
         return None
     unit = dossier.analyses[0].score_unit
     count = sum(len(image.channels) for image in dossier.images) + (dossier.scene is not None)
-    where = (
-        "Range increases downwards, azimuth across."
-        if system_of(dossier.spec) == "active"
-        else "The scan runs down the images and the flight across; every ground cell shows the brightness of the "
-        "nearest footprint, white where there is none."
-    )
+    kinds = tuple(dict.fromkeys(image.engine for image in dossier.images))
+    where = " ".join(f"{name}: {text}" if len(kinds) > 1 else text for name, text in map(_FRAMES.__getitem__, kinds))
     scale = (
         "The black bar under each image is its scale, given in the table. All images show one random occasion; the "
         "grey scale is common to all images of a channel."
