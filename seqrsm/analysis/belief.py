@@ -26,7 +26,7 @@ from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction, t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
-from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_RUNS, Process
+from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_SETTINGS, Process, kinds
 from seqrsm.propose.cloud import RADII, climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
@@ -96,11 +96,13 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     if not reason and not surface.s > 0.0:
         left = "the quadratic passes through every score"
         reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
-    if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
-        reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
+    if not reason and n < LEAST_RUNS:
+        reason = f"it is considered from {LEAST_RUNS} runs on, and there are {n}"
+    given, beside = (model, surface.data.points, fit.y, fit.weights), surface.for_process()
+    if not reason and (m := len(np.unique(kinds(model, surface.data.points, *beside), axis=0))) > MOST_SETTINGS:
+        reason = f"it is considered with up to {MOST_SETTINGS} combinations of levels and blocks, and there are {m}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    given, beside = (model, surface.data.points, fit.y, fit.weights), surface.for_process()
     # What a look found is confirmed and sampled from by the same scores.
     process = recalled(lambda: Process(*given, generator(seed, n, "process"), *beside), (given, seed, beside))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))

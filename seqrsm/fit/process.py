@@ -29,11 +29,12 @@ from scipy.special import logsumexp
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.gather import gathered
 from seqrsm.fit.importance import weighted_draws
 
 LEAST_RUNS = 8
-MOST_RUNS = 250
-"""Above it a look would take many seconds: every likelihood costs the cube of the runs."""
+MOST_SETTINGS = 250
+"""Of more, near ones are `gathered`: every likelihood costs the cube of their number."""
 
 _VAGUE = 100.0  # prior variance of the constant, in units of the scores' variance
 _JITTER = 1e-9
@@ -225,6 +226,14 @@ def trend_columns(model: QuadraticModel) -> IntArray:
     return np.array(found, dtype=np.int64)
 
 
+def kinds(model: QuadraticModel, points: FloatArray, sources: Sources | None, blocks: Blocks | None) -> FloatArray:
+    """Levels, blocks and sources (n, j) of runs at coded points: by these, runs near each other are not gathered."""
+    found = [points[:, list(model.categorical)]]
+    found += [] if blocks is None else [blocks.columns]
+    found += [] if sources is None else [sources.own[:, None].astype(np.float64)]
+    return np.hstack(found)
+
+
 class Process:
     """Posterior of a process, given scores.
 
@@ -242,6 +251,8 @@ class Process:
         Mean and standard deviation of the scores, score units.
     effective_draws : float
         Of those that the evidence was estimated by.
+    gathered : bool
+        Whether near runs count as repeats at their middle.
     """
 
     def __init__(
@@ -261,7 +272,7 @@ class Process:
         model : QuadraticModel
             Without selection of terms.
         points : ndarray (n, k)
-            Coded settings, ``LEAST_RUNS`` <= n <= ``MOST_RUNS``.
+            Coded settings, at least ``LEAST_RUNS``; at most ``MOST_SETTINGS`` `kinds` of runs.
         y : ndarray (n,)
             Scores, not all equal.
         weights : ndarray (n,)
@@ -277,7 +288,11 @@ class Process:
         # Equal runs at the same settings tell as much as their mean, and their scatter about it: matrices are smaller.
         own = np.ones(len(y), dtype=np.bool_) if sources is None else sources.own
         self._blocks = Blocks(np.empty((len(y), 0)), False) if blocks is None else blocks
-        same = np.hstack([points, self._blocks.columns, weights[:, None], own[:, None]])
+        same = np.hstack([points, weights[:, None], kind := kinds(model, points, sources, blocks)])
+        self.gathered = len(np.unique(same, axis=0)) > MOST_SETTINGS
+        if self.gathered:
+            points, y, weights = gathered(model, points, y, weights, kind, MOST_SETTINGS)
+            same = np.hstack([points, weights[:, None], kind])
         _, first, place = np.unique(same, axis=0, return_index=True, return_inverse=True)
         self._place = place.reshape(-1)  # numpy 2.0 gives it a second axis
         self._points, self._columns_of_blocks = np.asarray(points, dtype=np.float64)[first], self._blocks.columns[first]
@@ -296,7 +311,7 @@ class Process:
         self._prior = self._log_prior()
         mean, sd = self._prior
         found = weighted_draws(self._log_posterior, len(mean), rng)
-        kept = min(_KEPT // FEW, MOST_RUNS**2 // n**2) * FEW
+        kept = min(_KEPT // FEW, MOST_SETTINGS**2 // n**2) * FEW
         self._keep(mean + sd * found.some(kept, rng))
         self.effective_draws = found.effective
         self.log_bayes_factor = found.log_evidence - self._log_evidence_of_quadratic()

@@ -8,6 +8,7 @@ import inspect
 import math
 import pkgutil
 import re
+from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
 from typing import get_args
@@ -244,8 +245,18 @@ def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied,
         ),
     ):
         sections = with_departure(studied, found)
+        assert "repeats at their middle" not in " ".join(of_sections(sections))
         assert squeezed(told) in squeezed(" ".join(of_sections(sections, terminal=True)))
         in_all_faces(sections, capsys)
+
+
+def test_many_runs_that_count_as_repeats_are_told(studied) -> None:
+    many = copy(studied.analyses[0].fitted.departure.process)
+    many.gathered = True
+    many.hyper = many.hyper.some(slice(20))
+    text = " ".join(of_sections(with_departure(studied, Departure(many, 4.2, 0.37))))
+    assert "averaged over 20 draws of its hyperparameters" in text
+    assert "Near runs count as repeats at their middle, so that 250 settings are left." in text
 
 
 def test_what_fit_prints_stands_in_the_report(two_uses: Path) -> None:

@@ -26,7 +26,7 @@ from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.process import MOST_RUNS, Process
+from seqrsm.fit.process import MOST_SETTINGS, Process
 from seqrsm.report.blocks import Paragraph
 from seqrsm.report.sections.optimum import _departure, _place
 from seqrsm.spec.read import load_spec
@@ -567,13 +567,12 @@ def refused(analysis: Analysis, reason: str) -> None:
 @pytest.mark.parametrize(
     ("n", "more", "reason"),
     [
-        (7, {}, f"with 8 to {MOST_RUNS} runs, and there are 7"),
-        (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, and there are {MOST_RUNS + 1}"),
+        (7, {}, "from 8 runs on, and there are 7"),
         (6, {}, "no degrees of freedom remain"),
         (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
     ],
-    ids=["few", "many", "no df", "equal", "first order"],
+    ids=["few", "no df", "equal", "first order"],
 )
 def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, more: dict, reason: str) -> None:
     points = np.round(spread(n, 2), 3)
@@ -771,10 +770,20 @@ def test_constant_blocks_are_no_part_of_the_surface(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_most_runs_that_are_weighed(tmp_path: Path) -> None:
-    points = np.round(spread(MOST_RUNS, 1), 3)
-    made = campaign(tmp_path / "c", specification(numeric(1)), points, hill(points) + NOISE[:MOST_RUNS])
-    assert whole(made, 1).fitted.departure.probability > 0.99
+def test_a_further_run_takes_no_surface_away(tmp_path: Path) -> None:
+    """Up to 250 settings each is one to the process, of more near ones count as repeats: the answer is the same."""
+    n = MOST_SETTINGS + 50
+    points = np.random.default_rng(4).uniform(-1.0, 1.0, (n, 1)).round(4)
+    scores = hill(points) + np.random.default_rng(5).normal(size=n)
+    found = {}
+    for m in (MOST_SETTINGS, n):
+        made = campaign(tmp_path / str(m), specification(numeric(1)), points[:m], scores[:m])
+        found[m] = whole(made, 1)
+        assert found[m].fitted.departure.probability > 0.99
+        assert found[m].optimum.confidence.low < 80.0 < found[m].optimum.confidence.high
+        assert found[m].optimum.point == pytest.approx([0.3], abs=0.1)
+    ratio = found[n].optimum.confidence.half_width / found[MOST_SETTINGS].optimum.confidence.half_width
+    assert 0.7 < ratio < 1.1
 
 
 @pytest.mark.parametrize("times", [0.0, 0.9, 1.5, 3.0, 10.0])

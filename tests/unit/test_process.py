@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.ensemble import _sampler
-from seqrsm.fit.process import MOST_RUNS, Blocks, Hyper, Process, bent, trend_columns
+from seqrsm.fit.process import MOST_SETTINGS, Blocks, Hyper, Process, bent, trend_columns
 
 CASES = {
     "two factors": (2, (), 25),
@@ -340,8 +340,8 @@ def test_exact_quadratic_without_noise() -> None:
 
 @pytest.mark.slow
 def test_most_runs() -> None:
-    points = spread(MOST_RUNS, 2)
-    sound(fitted(points, hill(points) + np.random.default_rng(1).normal(size=MOST_RUNS)), spread(6, 2, seed=9))
+    points = spread(MOST_SETTINGS, 2)
+    sound(fitted(points, hill(points) + np.random.default_rng(1).normal(size=MOST_SETTINGS)), spread(6, 2, seed=9))
 
 
 def test_hyperparameters_by_name() -> None:

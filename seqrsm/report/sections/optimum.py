@@ -15,6 +15,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, setting_with_unit
 from seqrsm.fit.canonical import within_error
+from seqrsm.fit.process import MOST_SETTINGS
 from seqrsm.remember import recalled
 from seqrsm.report.blocks import (
     Block,
@@ -266,12 +267,14 @@ def _departure(analysis: Analysis) -> list[Block]:
                 "runs; the recommended settings and the intervals of the score rest on the scores alone."
             )
         return [Paragraph(text)]
+    many = f"Near runs count as repeats at their middle, so that {MOST_SETTINGS} settings are left. "
+    of_many = many if found.process.gathered else ""
     two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
     of_sources = "" if analysis.sources is None else two
     how = (
-        f"The alternative is {_ALTERNATIVE}, with a length scale and an axis warp for each factor, averaged over a "
-        "hundred draws of its hyperparameters: another seed moves the ends of intervals by a few percent of their "
-        f"half-width, by up to a fifth at 20 runs. {of_sources}Its prior probability is "
+        f"The alternative is {_ALTERNATIVE}, with a length scale and an axis warp for each factor, averaged over "
+        f"{len(found.process.hyper.noise)} draws of its hyperparameters: another seed moves the ends of intervals by a "
+        f"few percent of their half-width, by up to a fifth at 20 runs. {of_many}{of_sources}Its prior probability is "
         f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}; with few runs a term it may be the likelier of a "
         "surface that is quadratic."
     )
