@@ -1,11 +1,12 @@
 """Many runs as fewer settings: near runs count as repeats at their middle.
 
-The quadratic's part of what their scores differ by is moved with them; the rest of it is taken for scatter.
+What their scores differ by according to a first guess of the surface is moved with them; the rest is taken for scatter.
 """
 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,7 +15,14 @@ from seqrsm.design.quadratic import QuadraticModel
 
 
 def gathered(
-    model: QuadraticModel, points: FloatArray, y: FloatArray, weights: FloatArray, kind: AnyArray, most: int
+    model: QuadraticModel,
+    points: FloatArray,
+    y: FloatArray,
+    weights: FloatArray,
+    kind: AnyArray,
+    guess: Callable[[FloatArray], FloatArray],
+    scales: FloatArray,
+    most: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Settings, scores and weights of runs with at most ``most`` different settings and weights.
 
@@ -23,13 +31,16 @@ def gathered(
     Parameters
     ----------
     model : QuadraticModel
-        Of which a fit by least squares says what scores differ by within a group.
     points : ndarray (n, k)
         Coded settings.
     y, weights : ndarray (n,)
         Scores, and relative weights, > 0.
     kind : ndarray (n, j)
         Runs with equal rows may be gathered; at most ``most`` rows are different.
+    guess : callable
+        Of the surface at coded points (m, k), which a quadratic by least squares makes better.
+    scales : ndarray (q,)
+        By which distances along each numeric factor are multiplied: the more a factor matters, the larger.
 
     Returns
     -------
@@ -37,20 +48,20 @@ def gathered(
         Of each run: the mean settings of its group, its score there, and the harmonic mean of the group's weights, by
         which the mean of the scores has the variance that it has.
     """
-    group = _groups(points[:, list(model.numeric)], kind, most)
+    group = _groups(points[:, list(model.numeric)] * scales, kind, most)
     size = np.bincount(group)
-    points = np.array(points, dtype=np.float64)
-    before = model.matrix(points)
+    middle = np.array(points, dtype=np.float64)
     for j in model.numeric:
-        points[:, j] = (np.bincount(group, points[:, j]) / size)[group]
-    root = np.sqrt(weights)
-    slopes = np.linalg.lstsq(before * root[:, None], y * root, rcond=None)[0]
-    moved = y + (model.matrix(points) - before) @ slopes
-    return points, moved, (size / np.bincount(group, 1.0 / weights))[group]
+        middle[:, j] = (np.bincount(group, points[:, j]) / size)[group]
+    here, root, before = guess(points), np.sqrt(weights), model.matrix(points)
+    columns = np.hstack([before, kind])  # what blocks and sources differ by is no slope
+    slopes = np.linalg.lstsq(columns * root[:, None], (y - here) * root, rcond=None)[0][: model.p]
+    moved = y + guess(middle) - here + (model.matrix(middle) - before) @ slopes
+    return middle, moved, (size / np.bincount(group, 1.0 / weights))[group]
 
 
 def _groups(at: FloatArray, kind: AnyArray, most: int) -> IntArray:
-    """Number (n,) of each run's group, by numeric settings (n, q)."""
+    """Number (n,) of each run's group, by scaled numeric settings (n, q)."""
     group = np.unique(kind, axis=0, return_inverse=True)[1].reshape(-1)
     widest: list[tuple[float, int, int]] = []
 

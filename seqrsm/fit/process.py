@@ -291,7 +291,9 @@ class Process:
         same = np.hstack([points, weights[:, None], kind := kinds(model, points, sources, blocks)])
         self.gathered = len(np.unique(same, axis=0)) > MOST_SETTINGS
         if self.gathered:
-            points, y, weights = gathered(model, points, y, weights, kind, MOST_SETTINGS)
+            pilot = self._pilot(points, y, weights, rng, sources)
+            scales = np.mean(1.0 / pilot.hyper.lengths, axis=0)  # how much each factor matters
+            points, y, weights = gathered(model, points, y, weights, kind, pilot.some(FEW).mean, scales, MOST_SETTINGS)
             same = np.hstack([points, weights[:, None], kind])
         _, first, place = np.unique(same, axis=0, return_index=True, return_inverse=True)
         self._place = place.reshape(-1)  # numpy 2.0 gives it a second axis
@@ -315,6 +317,15 @@ class Process:
         self._keep(mean + sd * found.some(kept, rng))
         self.effective_draws = found.effective
         self.log_bayes_factor = found.log_evidence - self._log_evidence_of_quadratic()
+
+    def _pilot(
+        self, points: FloatArray, y: FloatArray, weights: FloatArray, rng: np.random.Generator, sources: Sources | None
+    ) -> Process:
+        """The process of at most half of `MOST_SETTINGS` runs."""
+        few = np.lexsort(points.T)[:: -(-2 * len(y) // MOST_SETTINGS)]
+        own = None if sources is None else replace(sources, own=sources.own[few])
+        blocks = Blocks(self._blocks.columns[few], self._blocks.new)
+        return Process(self.model, points[few], y[few], weights[few], rng, own, blocks)
 
     def some(self, n: int) -> Process:
         """The same with about ``n`` of its draws, evenly spread over all."""
