@@ -23,10 +23,10 @@ def gathered(
     guess: Callable[[FloatArray], FloatArray],
     scales: FloatArray,
     most: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Settings, scores and weights of runs with at most ``most`` different settings and weights.
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """At most ``most`` groups of runs, and the settings and scores by which each counts in its group.
 
-    Groups are halved at the mean of the factor in which they are widest, the one with most squares first.
+    Groups are divided at the mean of the factor in which they are widest, the one with most squares first.
 
     Parameters
     ----------
@@ -44,20 +44,18 @@ def gathered(
 
     Returns
     -------
-    ndarray (n, k), (n,), (n,)
-        Of each run: the mean settings of its group, its score there, and the harmonic mean of the group's weights, by
-        which the mean of the scores has the variance that it has.
+    ndarray (n,), (n, k), (n,)
+        Of each run: the number of its group, the group's mean settings by the weights, and its score there.
     """
     group = _groups(points[:, list(model.numeric)] * scales, kind, most)
-    size = np.bincount(group)
-    middle = np.array(points, dtype=np.float64)
+    middle, total = np.array(points, dtype=np.float64), np.bincount(group, weights)
     for j in model.numeric:
-        middle[:, j] = (np.bincount(group, points[:, j]) / size)[group]
+        middle[:, j] = (np.bincount(group, weights * points[:, j]) / total)[group]
     here, root, before = guess(points), np.sqrt(weights), model.matrix(points)
     columns = np.hstack([before, kind])  # what blocks and sources differ by is no slope
     slopes = np.linalg.lstsq(columns * root[:, None], (y - here) * root, rcond=None)[0][: model.p]
     moved = y + guess(middle) - here + (model.matrix(middle) - before) @ slopes
-    return middle, moved, (size / np.bincount(group, 1.0 / weights))[group]
+    return group, middle, moved
 
 
 def _groups(at: FloatArray, kind: AnyArray, most: int) -> IntArray:
@@ -68,6 +66,7 @@ def _groups(at: FloatArray, kind: AnyArray, most: int) -> IntArray:
     def push(number: int) -> None:
         own = at[group == number]
         squares = np.sum(np.square(own - own.mean(axis=0)), axis=0)
+        squares[np.ptp(own, axis=0) == 0.0] = 0.0  # which rounding may leave some of
         if squares.max(initial=0.0) > 0.0:
             heapq.heappush(widest, (-float(squares.max()), number, int(np.argmax(squares))))
 
@@ -77,7 +76,9 @@ def _groups(at: FloatArray, kind: AnyArray, most: int) -> IntArray:
     while widest and n < most:
         _, number, axis = heapq.heappop(widest)
         inside = np.flatnonzero(group == number)
-        group[inside[at[inside, axis] > at[inside, axis].mean()]] = n
+        along = at[inside, axis]
+        cut = np.clip(along.mean(), along.min(), np.nextafter(along.max(), -np.inf))  # both sides have some
+        group[inside[along > cut]] = n
         push(number)
         push(n)
         n += 1

@@ -289,19 +289,21 @@ class Process:
         own = np.ones(len(y), dtype=np.bool_) if sources is None else sources.own
         self._blocks = Blocks(np.empty((len(y), 0)), False) if blocks is None else blocks
         same = np.hstack([points, weights[:, None], kind := kinds(model, points, sources, blocks)])
-        self.gathered = len(np.unique(same, axis=0)) > MOST_SETTINGS
+        _, first, place = np.unique(same, axis=0, return_index=True, return_inverse=True)
+        place = place.reshape(-1)  # numpy 2.0 gives it a second axis
+        self.gathered = len(first) > MOST_SETTINGS
         if self.gathered:
             pilot = self._pilot(points, y, weights, rng, sources)
             scales = np.mean(1.0 / pilot.hyper.lengths, axis=0)  # how much each factor matters
-            points, y, weights = gathered(model, points, y, weights, kind, pilot.some(FEW).mean, scales, MOST_SETTINGS)
-            same = np.hstack([points, weights[:, None], kind])
-        _, first, place = np.unique(same, axis=0, return_index=True, return_inverse=True)
-        self._place = place.reshape(-1)  # numpy 2.0 gives it a second axis
+            guess = pilot.some(FEW).mean
+            place, points, y = gathered(model, points, y, weights, kind, guess, scales, MOST_SETTINGS)
+            first = np.unique(place, return_index=True)[1]
+        self._place, self._runs, total = place, np.bincount(place), np.bincount(place, weights)
         self._points, self._columns_of_blocks = np.asarray(points, dtype=np.float64)[first], self._blocks.columns[first]
-        self._inverse_weights, self._runs = 1.0 / weights[first], np.bincount(self._place)
+        self._weights, self._inverse_weights = weights, self._runs / total
         scores = (y - self.centre) / self.scatter
-        self._y = np.bincount(self._place, scores) / self._runs
-        self._squares = np.bincount(self._place, np.square(scores - self._y[self._place]))
+        self._y = np.bincount(place, weights * scores) / total
+        self._squares = np.bincount(place, weights * np.square(scores - self._y[place])) * self._inverse_weights
         n, self._is_own, self._sources = len(first), own[first], sources
         i, j = np.tril_indices(n)
         self._pairs = i * n + j
@@ -359,7 +361,8 @@ class Process:
         for some, h, at, own, apart in self._parts(points):
             halves, roots = self._covariance(h, at, own, apart) @ self._roots[some], self._roots[some]
             found += np.sum(halves @ np.swapaxes(roots, 1, 2), axis=0)
-        return np.asarray((found / self._runs / len(self._alpha)).T[self._place])
+        share = self._weights * self._inverse_weights[self._place] / self._runs[self._place]
+        return np.asarray(found.T[self._place] * (share / len(self._alpha))[:, None])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
@@ -445,7 +448,8 @@ class Process:
     @property
     def variance_of_runs(self) -> FloatArray:
         """Variance (n,) of each run about its source's surface, over all draws, score units."""
-        return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place])
+        relative = 1.0 / (self._weights * self._inverse_weights[self._place])  # 1 but where runs are gathered
+        return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place] * relative)
 
     def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m), and for each draw the root (m, n) of what the scores take off the variances there."""

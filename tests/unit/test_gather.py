@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from process_cases import bowl, factors, fitted, hill, noise_covariance, prior_covariance, spread
+from scipy.stats import multivariate_normal
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.gather import gathered
@@ -16,34 +17,50 @@ def none(points: np.ndarray) -> np.ndarray:
     return np.zeros(len(points))
 
 
-def of_runs(n: int, levels: tuple[int, ...] = (), most: int = 60, seed: int = 2):
-    rng, points = np.random.default_rng(seed), spread(n, 2, levels)
-    weights, model = np.exp(rng.normal(size=n)), QuadraticModel(factors(2, levels))
-    y = bowl(points[:, :2]) + (7.0 * points[:, -1] if levels else 0.0)
-    return (
-        points,
-        y,
-        weights,
-        gathered(model, points, y, weights, kinds(model, points, None, None), none, np.ones(2), most),
-    )
-
-
 @pytest.mark.parametrize("levels", [(), (3,), (3, 2)])
 def test_a_quadratic_stays_what_it_is(levels: tuple[int, ...]) -> None:
     """Scores without scatter are those of the quadratic at the merged settings, to rounding."""
-    points, _, _, (at, y, _) = of_runs(500, levels)
-    assert len(np.unique(at, axis=0)) == 60
-    np.testing.assert_allclose(y, bowl(at[:, :2]) + (7.0 * at[:, -1] if levels else 0.0), rtol=1e-10)
+    points, model = spread(500, 2, levels), QuadraticModel(factors(2, levels))
+    weights = np.exp(np.random.default_rng(2).normal(size=500))
+
+    def true(x: np.ndarray) -> np.ndarray:
+        return bowl(x[:, :2]) + (7.0 * x[:, -1] if levels else 0.0)
+
+    kind = kinds(model, points, None, None)
+    group, at, y = gathered(model, points, true(points), weights, kind, none, np.ones(2), 60)
+    assert len(np.unique(at, axis=0)) == group.max() + 1 == 60
+    np.testing.assert_allclose(y, true(at), rtol=1e-10)
     np.testing.assert_array_equal(at[:, 2:], points[:, 2:])
+    for k in range(60):
+        mean = np.average(points[group == k, :2], axis=0, weights=weights[group == k])
+        np.testing.assert_allclose(at[group == k, :2], np.tile(mean, (np.sum(group == k), 1)), rtol=1e-12, atol=1e-12)
 
 
-def test_the_mean_of_a_group_has_the_variance_that_its_weight_says() -> None:
-    _, _, weights, (at, _, merged) = of_runs(500)
-    for place in np.unique(at, axis=0):
-        own = np.all(at == place, axis=1)
-        n = own.sum()
-        assert np.ptp(merged[own]) == 0.0
-        assert 1.0 / (n * merged[own][0]) == pytest.approx(np.sum(1.0 / weights[own]) / n**2, rel=1e-12)
+def test_equal_settings_with_weights_of_their_own_are_merged_without_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty settings, five runs each: likelihood and posterior are those of the normal distribution of all."""
+    monkeypatch.setattr("seqrsm.fit.process.MOST_SETTINGS", 40)
+    rng, points, at = np.random.default_rng(1), np.repeat(spread(20, 2), 5, axis=0), spread(9, 2, seed=9)
+    weights = np.exp(rng.normal(size=100))
+    y = hill(points) + rng.normal(size=100) / np.sqrt(weights)
+    process = fitted(points, y, weights=weights)
+    assert (process.gathered, len(process._y)) == (True, 20)
+    scores, chosen = (y - y.mean()) / y.std(), np.log([[0.5, 0.8, 0.1, 0.6, 0.5], [0.9, 0.5, 0.2, 0.4, 0.8]])
+    chosen = np.hstack([chosen, [[0.2, -0.1], [-0.3, 0.4]]])
+    process._keep(chosen)
+    means, variances = process.marginals(at)
+    told = process.centre + (y - process.centre) @ process.pull(at)
+    np.testing.assert_allclose(told, means.mean(axis=0), rtol=1e-9)
+    of_runs, logs = 0.0, []
+    for theta, mean, variance in zip(chosen, means, variances, strict=True):
+        own = prior_covariance(theta, points, points, 2) + noise_covariance(theta, weights)
+        logs.append(multivariate_normal(np.zeros(100), own).logpdf(scores))
+        cross = prior_covariance(theta, at, points, 2)
+        np.testing.assert_allclose(mean, y.mean() + cross @ np.linalg.solve(own, y - y.mean()), rtol=1e-6)
+        left = prior_covariance(theta, at, at, 2) - cross @ np.linalg.solve(own, cross.T)
+        np.testing.assert_allclose(variance, y.var() * np.diag(left), rtol=1e-5)
+        of_runs = of_runs + 0.5 * y.var() * np.diag(noise_covariance(theta, weights))
+    assert np.diff(process._log_likelihood(chosen)) == pytest.approx(np.diff(logs), rel=1e-6)
+    np.testing.assert_allclose(process.variance_of_runs, of_runs, rtol=1e-6)
 
 
 def test_groups_are_where_the_runs_are() -> None:
@@ -52,7 +69,7 @@ def test_groups_are_where_the_runs_are() -> None:
     points = np.vstack([0.3 + 0.02 * rng.normal(size=(450, 2)), spread(50, 2)])
     points = np.vstack([points, points])
     model = QuadraticModel(factors(2))
-    at, _, _ = gathered(model, points, bowl(points), np.ones(1000), np.empty((1000, 0)), none, np.ones(2), 100)
+    _, at, _ = gathered(model, points, bowl(points), np.ones(1000), np.empty((1000, 0)), none, np.ones(2), 100)
     np.testing.assert_array_equal(at[:500], at[500:])
     assert len(np.unique(at, axis=0)) == 100
     assert np.max(np.abs(at - points)) < 0.5
@@ -65,7 +82,7 @@ def test_blocks_and_levels_are_not_merged() -> None:
     day = np.arange(200) // 40
     model, blocks = QuadraticModel(factors(1, (2,))), np.eye(5)[day]
     effect, kind = np.array([0.0, 9.0, -4.0, 3.0, 12.0])[day], np.hstack([points[:, 1:], blocks])
-    at, y, _ = gathered(model, points, bowl(points[:, :1]) + effect, np.ones(200), kind, none, np.ones(1), 10)
+    _, at, y = gathered(model, points, bowl(points[:, :1]) + effect, np.ones(200), kind, none, np.ones(1), 10)
     assert len(np.unique(np.hstack([at, blocks]), axis=0)) == 10
     np.testing.assert_array_equal(at[:, 1], points[:, 1])
     np.testing.assert_allclose(y, bowl(at[:, :1]) + effect, rtol=1e-10)
