@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -108,17 +109,41 @@ def seqrsm(drawn: Drawn, seed: int, max_runs: int, *, stops: bool = False) -> An
         return [NewScore("score", one, n=TRIALS, correct=round(one * TRIALS / 100.0)) for one in scores]
 
     analysis, runs = make_campaign(spec, "flight", score, n_draws=1000)
+    return _told_by(analysis, spec, len(runs))
+
+
+def many(drawn: Drawn, seed: int, n_runs: int) -> Answer:
+    """What ``seqrsm`` tells of scores of random settings that were there before."""
+    from seqrsm.campaign.campaign import Campaign
+
+    kind, rng = drawn.kind, np.random.default_rng([seed, 13])
+    points = spread(kind, n_runs, rng)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "campaign.toml").write_text(campaign_toml(kind, seed, n_runs), "utf-8")
+        scores = Path(folder) / "scores.csv"
+        rows = [f"{','.join(_names(kind))},score"]
+        for settings, score in zip(_settings(kind, points), drawn.score(points, rng), strict=True):
+            rows.append(",".join(str(one) for one in (*settings.values(), score)))
+        scores.write_text("\n".join(rows) + "\n", "utf-8")
+        campaign = Campaign.open(Path(folder))
+        campaign.ingest(scores, accept=True)
+        (analysis,) = campaign.analyse_all(n_draws=1000)
+        campaign.store.close()
+        return _told_by(analysis, campaign.spec, n_runs)
+
+
+def _told_by(analysis: Any, spec: Any, runs: int) -> Answer:
+    """An analysis as an answer."""
     best, posterior = analysis.optimum, analysis.posterior
-    shown = getattr(best, "with_departure", None) or best
     names = list(spec.region.names)
     return Answer(
         point=spec.region.code([best.settings])[0],
-        mean=shown.mean,
-        confidence=(shown.confidence.low, shown.confidence.high),
-        prediction=(shown.prediction.low, shown.prediction.high),
-        prediction_mean=(shown.prediction_mean.low, shown.prediction_mean.high),
+        mean=best.mean,
+        confidence=(best.confidence.low, best.confidence.high),
+        prediction=(best.prediction.low, best.prediction.high),
+        prediction_mean=(best.prediction_mean.low, best.prediction_mean.high),
         replicates=best.replicates,
-        runs=len(runs),
+        runs=runs,
         stopped=analysis.decision.held,
         places={names.index(one.factor): (one.low, one.high) for one in posterior.settings if not one.probabilities},
         loss=posterior.expected_regret,

@@ -3,7 +3,8 @@
     python tests/studies/peers_study.py [--mode budget] [--kinds NAME...] [--drivers NAME...] [--seeds 0:20] [--out DIR]
 
 ``--mode budget`` compares what is recommended when the budget is spent. ``--mode stop`` runs ``seqrsm`` alone until its
-stop rule holds (at most 80 runs), and counts how often what it tells is true. The kinds are in :mod:`kinds`, what runs
+stop rule holds (at most 80 runs), and counts how often what it tells is true; ``--mode many`` does so of 400 scores of
+random settings that were there before. The kinds are in :mod:`kinds`, what runs
 a campaign in :mod:`peers_drivers`. Every finished campaign is kept in ``DIR/campaigns.csv``: the same command goes on
 where it was, and writes the page anew (``--seeds 0:0`` only writes it).
 
@@ -34,10 +35,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from kinds import KINDS, Array, Drawn, true_optimum
-from peers_drivers import DRIVERS, STOP_INTERVAL, Answer, Interval
+from peers_drivers import DRIVERS, STOP_INTERVAL, Answer, Interval, many
 
 LONGEST = 80
 """Runs at which a campaign of the mode "stop" ends."""
+MANY = 400
+"""Runs of the mode "many"."""
 LIMIT = 0.625
 """Loss whose chance ``seqrsm`` tells: a quarter of the half-width asked for."""
 NEW = 400
@@ -52,12 +55,13 @@ Row = dict[str, str]
 def campaign(name: str, driver: str, mode: str, seed: int) -> dict[str, object]:
     """One campaign of one driver on one surface, and whether what it told is true."""
     drawn = KINDS[name].draw(seed)
-    more = {"stops": mode == "stop"} if driver == "seqrsm" else {}
+    more = {"stops": mode == "stop"} if driver == "seqrsm" and mode != "many" else {}
     distribution, run = DRIVERS[driver]
+    run, budget = (many, MANY) if mode == "many" else (run, LONGEST if mode == "stop" else drawn.kind.runs)
     began = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        answer = run(drawn, seed, LONGEST if mode == "stop" else drawn.kind.runs, **more)
+        answer = run(drawn, seed, budget, **more)
     seconds = time.process_time() - began
     told = {
         "kind": name,
@@ -253,11 +257,34 @@ def stop_page(rows: Sequence[Row]) -> str:
     return STOP.format(interval=STOP_INTERVAL, longest=LONGEST, new=NEW, limit=LIMIT) + "\n" + table(head, lines)
 
 
+MANY_RUNS = """
+## Many scores that were there before
+
+{many} runs at random settings, in one file, as they were flown or simulated without the program. *Covers*: the 95 %
+interval of the true mean at the recommended settings, and of the place of the true optimum, factor by factor. *Loss*:
+told and true, means. ± is one standard error over campaigns.
+"""
+
+
+def many_page(rows: Sequence[Row]) -> str:
+    """Regret, intervals and loss told of many runs."""
+    head = ["kind", "campaigns", "regret", "half-width", "true mean %", "place %", "loss told", "loss true"]
+    lines = []
+    for name in [*KINDS, "all kinds"]:
+        some = [row for row in rows if name in (row["kind"], "all kinds")]
+        if some:
+            line = [name, str(len(some)), median_text(numbers(some, "regret"))]
+            line += [mean_text(numbers(some, "half_width")), share_text(numbers(some, "covered"))]
+            line += [share_text(numbers(some, "places"))]
+            lines.append(line + [mean_text(numbers(some, key)) for key in ("told_loss", "regret")])
+    return MANY_RUNS.format(many=MANY) + "\n" + table(head, lines)
+
+
 def write(rows: Sequence[Row], folder: Path) -> None:
     """README.md of ``folder``."""
     versions = sorted({row["version"] for row in rows})
     page = HEAD.format(sd=2.0, versions=", ".join(versions))
-    for mode, part in (("budget", budget_page), ("stop", stop_page)):
+    for mode, part in (("budget", budget_page), ("stop", stop_page), ("many", many_page)):
         some = [row for row in rows if row["mode"] == mode]
         page += part(some) if some else ""
     notes = folder / "notes.md"
@@ -273,7 +300,7 @@ def seeds_of(text: str) -> range:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mode", choices=("budget", "stop"), default="budget")
+    parser.add_argument("--mode", choices=("budget", "stop", "many"), default="budget")
     parser.add_argument("--kinds", nargs="+", choices=list(KINDS), metavar="KIND", help=f"of {', '.join(KINDS)}")
     parser.add_argument("--drivers", nargs="+", choices=list(DRIVERS), default=["seqrsm"])
     parser.add_argument("--seeds", type=seeds_of, default=range(20), metavar="a:b")
@@ -293,8 +320,10 @@ def main() -> None:
         for seed in given.seeds:
             for name in given.kinds or KINDS:
                 for driver in given.drivers:
-                    elsewhere = driver != "seqrsm" and (given.mode == "stop" or name in told)
-                    endless = given.mode == "stop" and KINDS[name].of_day  # days alone scatter by more than the target
+                    elsewhere = driver != "seqrsm" and (given.mode != "budget" or name in told)
+                    endless = (
+                        given.mode != "budget" and KINDS[name].of_day
+                    )  # days alone scatter by more than the target
                     if elsewhere or endless or (name, driver, given.mode, str(seed)) in done:
                         continue
                     try:
