@@ -3,7 +3,9 @@
 Table 3 holds at its nodes to the last digit. The report states neither its frequency nor its polarization; H at about
 20 GHz is inferred. A model of vegetation over ground, fitted to it, carries the table to V, to other frequencies and to
 other soil moistures by the ratio of reflectivities, 1 - e = (1 - e_table) r_model(f, p, mv) / r_model(20 GHz, H, 0.2),
-so that H and V meet at nadir and the table stays exact where it stands.
+so that H and V meet at nadir and the table stays exact where it stands. What the model misses of a crop is its
+canopy's and goes with its water: without any the ground emits, is heated and departs as bare soil does, whatever was
+sown.
 
 What differs from field to field, date to date and ground to ground is roughness, canopy and soil, each a factor of the
 reflectivity. So departures are parts of 1 - e: one effective roughness, whatever the angle and polarization, does for
@@ -130,6 +132,8 @@ class EmissivityLookup:
         Whether the category depends on soil moisture.
     heating : float64 array (n_categories,)
         Share of the sun's heating.
+    closed : float64 array (n_categories,)
+        Share of the soil that a category hides; 0 of bare soil on a day, 1 where the season stands for the day.
     field_part, date_part, mean_part : float64 array (n_categories,)
         Standard deviation from field to field, of the whole category from date to date, and of its mean about that of a
         given ground, as parts of the reflectivity 1 - e, 0 to 1.
@@ -145,6 +149,7 @@ class EmissivityLookup:
     emissivity: FloatArray
     moist: BoolArray
     heating: FloatArray
+    closed: FloatArray
     field_part: FloatArray
     date_part: FloatArray
     mean_part: FloatArray
@@ -256,7 +261,8 @@ class EmissivityTable:
         if problems:
             raise ScatteringDataError(*problems)
         f = float(frequency_ghz)
-        found = for_each(names, lambda name: self._evaluate(name, f, polarization, day))
+        canopy = for_each(names, lambda name: 1.0 if day is None else self.calendar.canopy_share(name, day))
+        found = for_each(names, lambda name: self._evaluate(name, f, polarization, canopy[name]))
         n_nodes = max((value.shape[0] for value, _, _ in found.values()), default=1)
         value = [np.broadcast_to(found[name][0], (n_nodes, THETA_DEG.size)) for name in names]
         status = tuple(found[name][1] for name in names)
@@ -266,26 +272,28 @@ class EmissivityTable:
             course = for_each(names, lambda name: self.calendar.emission(name, f, polarization, day))
             value = [np.clip(own + course[name][0], 0.0, 1.0) for own, name in zip(value, names, strict=True)]
             mean_sd = [math.hypot(sd, course[name][1]) for sd, name in zip(mean_sd, names, strict=True)]
-        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
+        closed = np.array([self._closed(name, day) for name in names])
+        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in (*names, BARE_SOIL)])
+        if self.world is not None:
+            spread[:, 0] *= [self.world.field_factor(name) for name in (*names, BARE_SOIL)]
+        sds = np.array([*(closed * spread[:-1, :2].T + (1.0 - closed) * spread[-1, :2, None]), mean_sd])
         nadir = np.array([1.0 - np.interp(REFERENCE_MOISTURE, MOISTURE_NODES[: len(own)], own[:, 0]) for own in value])
-        sds = np.array([spread[:, 0], spread[:, 1], mean_sd])
         of_fields, of_dates, of_means = np.minimum(sds / np.maximum(nadir, 1e-9), 1.0)
         if self.world is not None:
             soil = self.world.departure(BARE_SOIL, "", f, polarization)
             for k, name in enumerate(names):
-                closed = 1.0 if day is None else self.calendar.closed(name, day)
-                shown = over_soil(self.world.departure(name, "", f, polarization), soil, closed, related_covers("", ""))
-                value[k] = departed(value[k], of_means[k] * shown)
-            of_fields = of_fields * [self.world.field_factor(name) for name in names]
+                own = self.world.departure(name, "", f, polarization)
+                value[k] = departed(value[k], of_means[k] * over_soil(own, soil, closed[k], related_covers("", "")))
         return EmissivityLookup(
             categories=names,
             emissivity=np.array(value),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
-            heating=np.array([self._heating(name) for name in names]),
+            heating=np.array([self._heating(name, min(canopy[name], 1.0)) for name in names]),
+            closed=closed,
             field_part=of_fields,
             date_part=of_dates,
             mean_part=of_means,
-            channel_correlation=spread[:, 2],
+            channel_correlation=spread[:-1, 2],
             mean_sd=np.array(mean_sd),
             status=status,
             notes=(
@@ -294,29 +302,40 @@ class EmissivityTable:
             ),
         )
 
-    def _heating(self, name: str) -> float:
-        """Share of the sun's heating of bare ground that a category shows."""
+    def _closed(self, name: str, day: float | None) -> float:
+        """See `EmissivityLookup.closed`."""
+        if day is None:
+            return 1.0
+        return 0.0 if name == BARE_SOIL else self.calendar.closed(name, day)
+
+    def _heating(self, name: str, canopy: float) -> float:
+        """Share of the sun's heating of bare ground that a category shows with a share of its canopy's water."""
         if name in self.models:
-            return self.models[name].heating
-        return sum(share * self._heating(part) for part, share in self.mixes.get(name, {}).items()) or 1.0
+            return canopy * self.models[name].heating + (1.0 - canopy) * self.models[BARE_SOIL].heating
+        mix = self.mixes.get(name, {})
+        return sum(share * self._heating(part, canopy) for part, share in mix.items()) or 1.0
 
     def _evaluate(
-        self, name: str, f: float, polarization: str, day: float | None
+        self, name: str, f: float, polarization: str, canopy: float
     ) -> tuple[FloatArray, str, tuple[str, ...]]:
-        """Emissivity (1 or n_moistures, 91) of a category, its status, and notes."""
+        """Emissivity (1 or n_moistures, 91) of a category with a share of its canopy's water, its status, and notes."""
         if name not in self.curves:
-            parts = {part: self._evaluate(part, f, polarization, day) for part in self.mixes[name]}
+            parts = {part: self._evaluate(part, f, polarization, canopy) for part in self.mixes[name]}
             value = sum(share * parts[part][0] for part, share in self.mixes[name].items())
             shares = " and ".join(f"{100.0 * share:.0f} % {part}" for part, share in self.mixes[name].items())
             said = [f"{name} emits as {shares.removeprefix('100 % ')} (assumed)"]
             return np.asarray(value), "assumed", (*said, *(note for _, _, notes in parts.values() for note in notes))
         curve = self.curves[name]
-        canopy = 1.0 if day is None else self.calendar.canopy_share(name, day)
         if not curve.printed:
             return between_nodes(name, curve, f, polarization, self.file)[None], curve.status, (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
         model = self.models[name]
-        value = np.clip(1.0 - (1.0 - table) * _ratio(model, f, polarization, canopy), 0.0, 1.0)
+        reflected = (1.0 - table) * _ratio(model, f, polarization, canopy)
+        if canopy < 1.0:
+            soil = _shipped_table()._evaluate(BARE_SOIL, f, polarization, 1.0)[0]
+            own = (1.0 - table) * _ratio(model, f, polarization, 0.0)
+            reflected = reflected * (canopy + (1.0 - canopy) * (1.0 - soil) / own)
+        value = np.clip(1.0 - reflected, 0.0, 1.0)
         if (f, polarization) == (TABLE_FREQUENCY_GHZ, "H") and model.ground != "soil" and canopy == 1.0:
             return table[None], curve.status, (curve.note,)
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]

@@ -32,7 +32,7 @@ class Table:
         zero, one = np.zeros(n), np.ones(n)
         part = np.minimum(self.field_sd / np.maximum(1.0 - e[:, 0], 1e-9), 1.0)
         return EmissivityLookup(
-            tuple(categories), e[:, None], zero.astype(bool), one, part, zero, zero, zero, zero,
+            tuple(categories), e[:, None], zero.astype(bool), one, one, part, zero, zero, zero, zero,
             ("computed",) * n, ("made",),
         )  # fmt: skip
 

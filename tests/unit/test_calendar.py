@@ -557,6 +557,39 @@ def test_bare_fields_emit_as_one_soil_in_any_world():
         assert apart or np.corrcoef(parts.T)[0, 1] > 0.999
 
 
+@pytest.mark.parametrize("frequency", [1.4, 10.7, 37.0])
+@pytest.mark.parametrize("channel", ["H", "V"])
+def test_bare_fields_emit_as_bare_soil_whatever_was_sown(frequency, channel):
+    """In January, at all angles and moistures, as warm and as uneven; in July maize is no bare soil."""
+    covers = ("Bareground", "Corn", "Oats", "Vegetables")
+    bare, *crops = range(len(covers))
+    table = load_emissivity_table()
+    for world in (None, World(6, 1)):
+        january = table.in_world(world).lookup(covers, frequency, channel, day=15)
+        for crop in crops:
+            np.testing.assert_allclose(january.emissivity[crop], january.emissivity[bare], rtol=1e-12)
+        for of_covers in (january.heating, january.field_part, january.date_part):
+            np.testing.assert_allclose(of_covers, of_covers[bare], rtol=1e-12)
+    july = table.lookup(covers, frequency, channel, day=190)
+    assert np.abs(july.emissivity[crops, 6, 40] - july.emissivity[bare, 6, 40]).min() > 0.01
+    assert july.heating[crops].max() < 0.6 < july.heating[bare]
+    nadir = july.field_part * (1.0 - july.emissivity[:, 6, 0])
+    assert nadir[crops].max() < 0.8 * nadir[bare]
+
+
+def test_rapeseed_emits_by_the_water_of_its_own_canopy():
+    """Sown in August it covers the ground in January, when the vegetables whose emissivity it has are not sown."""
+    table = load_emissivity_table()
+
+    def emissivity(name, day):
+        return float(table.lookup((name,), 1.4, "H", day=day).emissivity[0, 6, 40])  # soil moisture 0.2, 40 degrees
+
+    assert SHIPPED.canopy_share("Rapeseed", 15) == pytest.approx(0.74, abs=0.01)
+    day = next(d for d in range(150, 200) if SHIPPED.canopy_share("Vegetables", d) > 0.737)
+    assert emissivity("Rapeseed", 15) == pytest.approx(emissivity("Vegetables", day), abs=0.01)
+    assert emissivity("Rapeseed", 15) > emissivity("Bareground", 15) + 0.1
+
+
 @pytest.mark.parametrize("day", [15, 152, 200])
 def test_half_closed_crops_emit_as_far_off_as_is_told(day):
     """Maize, bare, half closed and closed."""
