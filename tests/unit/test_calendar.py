@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import sys
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import stats
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
+
+import prm_cases
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
@@ -23,6 +28,7 @@ from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_occasion, look_up
+from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion
 from seqrsm.simulate.visits import (
     Visit,
     deviates,
@@ -613,3 +619,22 @@ def test_weather_and_year_do_not_tell_bare_fields_of_one_crop_from_those_of_anot
         offset = np.array([one.class_offset_db[0] for one in drawn])
         assert offset.std(axis=0).min() > 1.0
         assert (offset[:, 0] - offset[:, 1]).std() == pytest.approx(apart_db, rel=0.15, abs=1e-12)
+
+
+def test_weather_does_not_tell_bare_fields_by_their_emission():
+    """In January maize, vegetables and bare soil depart from the table as one, in July each by itself."""
+    covers = ("Bareground", "Corn", "Vegetables")
+    table, sensor = load_emissivity_table(), prm_cases.radiometer(frequency_ghz=10.7, channels=("H", "V"))
+    ground = prm_cases.scene(np.zeros((4, 4)), 10.0, np.zeros((4, 4)), np.zeros((4, 4)), covers)
+    for day, apart in ((15.0, 0.0), (190.0, 1.0)):
+        looked = [table.lookup(covers, 10.7, channel, day=day) for channel in "HV"]
+        drawn = [
+            draw_radiometer_occasion(sensor, looked, ground, Visit((day,)), seed=8, run_id=k).class_offset
+            for k in range(400)
+        ]
+        offset = np.array(drawn) / looked[0].date_part  # (runs, channels, covers)
+        np.testing.assert_allclose(offset.std(axis=0), 1.0, atol=0.1)
+        for one, other in ((0, 1), (1, 2)):
+            away = (offset[:, :, one] - offset[:, :, other]).std(axis=0)
+            np.testing.assert_allclose(away, apart * math.sqrt(2.0), rtol=0.15, atol=1e-12)
+        assert np.corrcoef(offset[:, 0, 1], offset[:, 1, 1])[0, 1] == pytest.approx(0.7, abs=0.08)

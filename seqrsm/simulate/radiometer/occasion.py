@@ -12,6 +12,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.scattering.worlds import over_soil
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
@@ -85,7 +86,8 @@ def draw_radiometer_occasion(
 
     Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
     gives as their correlation, and a channel's draw does not depend on which others are received. What covers depart by
-    on a date fades with its weather. Moistures stay between the table's ends.
+    on a date fades with its weather; where crops leave soil bare it is the soil's. Moistures stay between the table's
+    ends.
     """
     field_category = categories_of_fields(scene)
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
@@ -100,6 +102,8 @@ def draw_radiometer_occasion(
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
     by_name = partial(kept_deviates, seed, run_id, shape=(parts, n_categories), frequency_ghz=f)
     dates = over_dates(visit, "date emissivity", by_name, FAST_DAYS)
+    soil = over_dates(visit, "date bare soil", partial(by_name, shape=(parts, 1)), FAST_DAYS)
+    dates = over_soil(dates, soil, lookups[0].closed)
     plots = half_lasting(visit, "field emissivity", (parts, n_fields), f, **key)
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
