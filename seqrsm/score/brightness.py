@@ -48,9 +48,9 @@ class ExpectedGround:
         Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K].
     planck_k : float
         As of `seqrsm.simulate.radiometer.prm.Meeting`.
-    footprints_a_field, footprints_a_piece : float
-        Footprints that see one and the same field, 1 at least, of the field at a cell taken at random; no more of them
-        than a square of `BLOCK_M` has.
+    footprints_a_piece : float
+        Footprints of a square of `BLOCK_M` that see one and the same field, 1 at least, of the field at a cell taken at
+        random.
     """
 
     share: FloatArray
@@ -59,7 +59,6 @@ class ExpectedGround:
     lookups: list[EmissivityLookup]
     air: FloatArray
     planck_k: float
-    footprints_a_field: float
     footprints_a_piece: float
 
 
@@ -93,11 +92,9 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     air = np.array([sky.upwelling_k(looks, height), sky.transmission(looks, height), sky.sky_k(looks)])
     of_footprint = max(int(known.sum()), 1) / max(int((counts.sum(axis=1) > 0).sum()), 1)
     sizes = np.bincount(scene.field_id[known]).astype(np.float64)
-    of_field = max(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)) / of_footprint, 1.0)
-    in_square = max((BLOCK_M / scene.cell_m) ** 2 / of_footprint, 1.0)
-    return ExpectedGround(
-        share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, of_field, min(of_field, in_square)
-    )
+    of_piece = min(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)), (BLOCK_M / scene.cell_m) ** 2)
+    of_piece = max(of_piece / of_footprint, 1.0)
+    return ExpectedGround(share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, of_piece)
 
 
 GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
@@ -266,7 +263,7 @@ def _covariance(
     # What a field has of its own is in the mean of its square, too.
     apart = squares.sum(axis=-1) if own is None else np.maximum(squares.sum(axis=-1) - own, 0.0)
     wetness = np.square(radiometer.soil_moisture_field_sd) * apart
-    together = ground.footprints_a_field if common else ground.footprints_a_piece
+    together = 1.0 if common else ground.footprints_a_piece
     reflected = [1.0 - look.at_nodes([int(node)]) for look in ground.lookups]
     out = np.empty((*ground.temperature_k.shape, len(slope_k), len(slope_k)))
     for a, one in enumerate(ground.lookups):
@@ -278,7 +275,7 @@ def _covariance(
             departure = departure[:, None, None] * reflected[a] * reflected[b]
             spread = of_mixtures(departure, squares, ground.angle_deg)[..., 0]
             emitted = np.square(through * (ground.temperature_k - sky)) * spread + through**2 * heat
-            # What footprints of one field have in common, their number does not lessen.
+            # What footprints of one field have in common, their number does not lessen; a date's mean has one's weight.
             out[..., a, b] = out[..., b, a] = (emitted + slope_k[a] * slope_k[b] * wetness) * together
         out[..., a, a] += np.square(np.nan_to_num(image.nedt_k[a]))
     return out

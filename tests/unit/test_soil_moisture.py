@@ -179,6 +179,33 @@ def test_large_fields_are_known_as_well_as_their_brightness_lets(
     assert -0.1 < np.mean(skills) - ideal < 0.08
 
 
+@pytest.mark.parametrize("field_m", [100.0, 1000.0])
+def test_the_mean_of_a_date_is_known_as_well_as_its_brightness_lets(field_m: float) -> None:
+    """As above, of the brightness of a scene: however large its fields, what a date departs by is in each of them."""
+    of_cell = np.arange(80) // round(field_m / 25.0)
+    field = of_cell[:, None] * (of_cell[-1] + 1) + of_cell
+    s = scene(np.zeros((80, 80)), 25.0, np.zeros((80, 80)), field, ("Bareground",))
+    r = radiometer(**{
+        "frequency_ghz": 1.4, "channels": ("H",), "resolution_m": 100.0, "integration_time_ms": 2.0,
+        "bandwidth_mhz": 25.0, "scan_period_s": 1.0, "altitude_m": 3000.0, "speed_m_s": 100.0,
+        "conical_incidence_deg": 40.0, "soil_moisture_low": 0.1, "soil_moisture_high": 0.3, "atmosphere": "none",
+        "soil_moisture_field_sd": 0.02, "soil_moisture_region_sd": 0.0, "temperature": "constant",
+    })  # fmt: skip
+    table, errors = load_emissivity_table(), []
+    for run in range(48):
+        found = simulate_radiometer(s, r, table.in_world(World(3, run)), seed=4, run_id=run)
+        errors.append(score_moisture([found], s, ERROR, seed=4, run_id=run).details["bias"])
+    rng, n = np.random.default_rng(1), 1_000_000
+    look = table.lookup(["Bareground"], 1.4, "H")
+    wet = rng.uniform(0.1, 0.3, n)
+    departed = np.hypot(look.mean_part[0], look.date_part[0]) * rng.standard_normal(n)
+    reflected = (1.0 - np.interp(wet, MOISTURE_NODES, look.emissivity[0, :, 40])) * (1.0 - departed)
+    warm = r.temperature_low_k + r.temperature_date_sd_k * rng.standard_normal(n)
+    seen = warm - reflected * (warm - 2.7)
+    ideal = np.sqrt(np.mean(wet[np.argsort(seen)].reshape(1000, -1).var(axis=1)))
+    assert 0.7 * ideal < np.sqrt(np.mean(np.square(errors))) < 1.3 * ideal
+
+
 def test_a_square_has_of_fields_what_its_mean_keeps() -> None:
     block = np.repeat([[0, 0, 1, 1, 2, 2]], 4, axis=0)
     field = np.array([[0, 0, 1, 2, 5, 3]] * 2 + [[0, 0, 1, 2, 5, 4]] * 2)
@@ -277,8 +304,8 @@ def test_the_covariance_is_that_of_what_is_drawn() -> None:
                 departed = np.sum(share**2 * parts * reflected[0] * reflected[1])
                 wanted[a, b] = (through * (ground.temperature_k[place] - sky)) ** 2 * departed
                 wanted[a, b] += through**2 * (1.0 + (9.0 if common else 0.0))
-        ground = replace(ground, footprints_a_field=5.0, footprints_a_piece=3.0)
-        wanted *= ground.footprints_a_field if common else ground.footprints_a_piece
+        ground = replace(ground, footprints_a_piece=3.0)
+        wanted *= 1.0 if common else 3.0
         wanted += np.diag(found.nedt_k[(slice(None), *place)] ** 2)
         nothing = np.zeros((2, *ground.temperature_k.shape))
         own = None if common else nothing[0]
@@ -287,7 +314,7 @@ def test_the_covariance_is_that_of_what_is_drawn() -> None:
 
 
 @pytest.mark.parametrize("resolution_m", [60.0, 500.0])
-def test_footprints_a_field_and_a_square_are_counted_by_their_areas(resolution_m: float, monkeypatch) -> None:
+def test_footprints_of_a_field_in_a_square_are_counted_by_their_areas(resolution_m: float, monkeypatch) -> None:
     """Over four fields of 800 m and squares of 250 m, of which a footprint of 500 m holds several."""
     field = np.kron(np.arange(4).reshape(2, 2), np.ones((80, 80), dtype=int))
     s = scene(np.zeros((SIDE, SIDE)), 10.0, np.zeros((SIDE, SIDE)), field, ("Bareground",))
@@ -295,7 +322,6 @@ def test_footprints_a_field_and_a_square_are_counted_by_their_areas(resolution_m
     found, own = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1), []
     ground = expected_ground(found, s, seen_pixels(found))
     n = np.count_nonzero(ground.share.sum(axis=-1))
-    assert ground.footprints_a_field == pytest.approx(max(n / 4, 1.0))
     assert ground.footprints_a_piece == pytest.approx(max(n * 250.0**2 / 1600.0**2, 1.0))
     assert (ground.footprints_a_piece == 1.0) == (resolution_m == 500.0)
     # Squares that are one field each, and footprints in one or over several of them, have all that a field has.
