@@ -3,7 +3,8 @@
 Such a map is given by its confusion table, as its validation found it: a row for each cover of the ground, a column for
 each label of the map, in cells, counts or per cent. A label may tell nothing, such as ``cloud``. The map gives each
 field one label, rightly or wrongly; the classifier knows the table, and weighs a unit's label by it beside what images
-show. A classifier that looks at the map alone is the score's floor.
+show, as far as `seqrsm.score.classification` finds it to be trusted. A classifier that looks at the map alone is the
+score's floor.
 """
 
 from __future__ import annotations

@@ -113,6 +113,22 @@ def test_what_a_map_adds_to_one_feature_is_the_closed_form() -> None:
     assert score_evidence(evidence, ("a", "b"), Asked("area_error", ("b",))).guess < 3.0
 
 
+def test_images_take_nothing_from_a_map_that_is_better_than_their_classifier_thinks() -> None:
+    """Features of heavy tails, for which a Gaussian law is much too sure: what lies far out outvotes a right label."""
+    rng, n = np.random.default_rng(4), 40_000
+    truth, tile, keys = rng.integers(0, 2, n), np.arange(n) // 50, rng.random(n // 50)
+    counts = np.eye(2, dtype=np.int64)[truth]
+    features = rng.standard_t(2.5, (6, n)) * np.where(truth == 0, 1.0, 2.0) + 0.3 * truth
+    for p in (0.5, 0.7, 0.8, 0.9, 0.99, 1.0):
+        known = of([[p, 1 - p], [1 - p, p]])
+        label = np.where(rng.random(n) < p, truth, 1 - truth)
+        evidence = Evidence(features, counts, tile, keys, 0, counts, label=label, log_share=known.log_share)
+        found = score_evidence(evidence, ("a", "b"), Asked("percent_correct"))
+        assert found.value > found.guess - 0.01
+        assert found.value > found.guess + 1.5 or p > 0.8
+    assert found.value == 100.0
+
+
 def test_the_map_alone_knows_how_much_of_the_ground_each_cover_has_as_a_guess_does() -> None:
     """Half a, all named 0; four tenths b, a fifth of it named 0; one tenth c, all named 1, which is b by area."""
     truth = np.repeat([0, 1, 1, 2], [500, 80, 320, 100])
