@@ -144,8 +144,10 @@ def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: float
 def half_lasting(
     visit: Visit, purpose: str, shape: tuple[int, ...], frequency_ghz: float, *, seed: int, run_id: int
 ) -> FloatArray:
-    """`deviates` of fields on a visit, half of whose variance all dates share (assumed)."""
-    own = deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz, OWN_OF_FIELDS)
+    """`deviates` of fields on a visit; half of their variance all dates share, half fades as weather does (assumed)."""
+    own = over_dates(
+        visit, purpose, lambda name: kept_deviates(seed, run_id, name, shape, frequency_ghz, OWN_OF_FIELDS), FAST_DAYS
+    )
     if not visit.days:
         return own
     lasting = kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz, OWN_OF_FIELDS)

@@ -113,6 +113,26 @@ def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
     np.testing.assert_array_equal(met(days[0]), found[:1])
 
 
+def test_a_radiometer_that_looks_again_within_the_hour_meets_the_same_fields() -> None:
+    """Else a second look would average away what fields differ by, and not its own noise alone."""
+    ground = {"temperature_date_sd_k": 3.0, "temperature_field_sd_k": 1.0, "soil_moisture_field_sd": 0.04}
+    days, sensor = (150.0, 150.04, 153.0), prm_cases.radiometer(frequency_ghz=6.9, **ground)
+    looked = [load_emissivity_table().lookup(CROPS, 6.9, "H", day=day) for day in days]
+    met = [
+        [draw_radiometer_occasion(sensor, [looked[t]], SCENE, Visit(days, t), seed=1, run_id=k) for t in range(3)]
+        for k in range(40)
+    ]
+    for of in (
+        lambda one: one.field_offset[0],
+        lambda one: one.field_temperature_k,
+        lambda one: one.field_moisture - one.soil_moisture,
+        lambda one: np.array([one.temperature_offset_k]),
+    ):
+        first, again, later = (np.concatenate([of(run[t]) for run in met]) for t in range(3))
+        assert np.corrcoef(first, again)[0, 1] > 0.98
+        assert np.corrcoef(first, later)[0, 1] < 0.9
+
+
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
     """Moments, shrinking and law written out by numpy and scipy."""
     images = dates(3)

@@ -438,10 +438,12 @@ def test_the_course_of_worlds_has_four_harmonics():
 
 
 def test_what_half_lasts_is_half_the_same_on_two_dates():
-    days, key = (120.0, 150.0), {"seed": 3, "run_id": 4}
-    one, two = (half_lasting(Visit(days, t), "texture", (40_000,), 5.4, **key) for t in range(2))
-    assert (one.std(), two.std()) == pytest.approx((1.0, 1.0), abs=0.02)
-    assert np.corrcoef(one, two)[0, 1] == pytest.approx(0.5, abs=0.02)
+    days, key = (120.0, 120.25, 123.0, 150.0), {"seed": 3, "run_id": 4}
+    one, *others = (half_lasting(Visit(days, t), "texture", (40_000,), 5.4, **key) for t in range(4))
+    for day, other in zip(days[1:], others, strict=True):
+        assert (one.std(), other.std()) == pytest.approx((1.0, 1.0), abs=0.02)
+        related = 0.5 + 0.5 * math.exp(-(day - 120.0) / 4.5)  # the weather's half
+        assert np.corrcoef(one, other)[0, 1] == pytest.approx(related, abs=0.02)
     static = half_lasting(Visit(), "texture", (40_000,), 5.4, **key)
     assert static.std() == pytest.approx(1.0, abs=0.02)
 

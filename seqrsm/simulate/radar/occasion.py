@@ -248,7 +248,8 @@ def met_occasion(
 
     What a field's moisture does to its category is taken at the incidence angle of the centre of the scene. Departures
     of parts of fields are Gaussian in decibels; two channels share the part of the variance that fields do, and half of
-    it lasts from date to date (assumed). Offsets are then those of pieces in place of fields.
+    it lasts from date to date and half fades as weather does (assumed). Offsets are then those of pieces in place of
+    fields.
     """
     key = {"seed": seed, "run_id": run_id}
     category = categories_of_fields(scene)

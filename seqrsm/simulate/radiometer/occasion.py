@@ -94,11 +94,13 @@ def draw_radiometer_occasion(
     key = {"seed": seed, "run_id": run_id}
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     mean = float(low + moisture_share(visit, **key) * (high - low))
-    warm = float(
-        radiometer.temperature_date_sd_k * generator(seed, run_id, visit.dated("temperature")).standard_normal()
-    )
+
+    def weather(purpose: str, n: int) -> FloatArray:
+        return over_dates(visit, purpose, lambda name: generator(seed, run_id, name).standard_normal(n), FAST_DAYS)
+
+    warm = float(radiometer.temperature_date_sd_k * weather("temperature", 1)[0])
     moisture = field_moisture(scene, radiometer, mean, visit, MOISTURE_LIMITS, **key)
-    temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
+    temperature = weather("field temperature", n_fields)
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
     by_name = partial(kept_deviates, seed, run_id, shape=(parts, n_categories), frequency_ghz=f)
     dates = over_dates(visit, "date emissivity", by_name, FAST_DAYS)
