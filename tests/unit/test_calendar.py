@@ -27,7 +27,7 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
-from seqrsm.simulate.radar.occasion import draw_occasion, look_up
+from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, look_up
 from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion
 from seqrsm.simulate.visits import (
     Visit,
@@ -489,6 +489,19 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
     for t, day in enumerate(days):
         together = [np.corrcoef(found[:, 0, k], found[:, t, k])[0, 1] for k in range(len(covers))]
         assert np.mean(together) == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
+
+
+def test_wind_goes_with_the_weather_and_is_uniform_on_each_date():
+    """Else water alone would change between two looks within the hour."""
+    days = (150.0, 150.04, 153.0, 180.0)
+    windy = replace(radar(), wind_low_m_s=2.0, wind_high_m_s=10.0)
+    wind = np.array(
+        [[draw_ground_state(windy, Visit(days, t), seed=5, run_id=k)[1] for t in range(4)] for k in range(1500)]
+    )
+    normal = stats.norm.ppf((wind - 2.0) / 8.0)
+    for t, day in enumerate(days):
+        assert stats.kstest(wind[:, t], "uniform", (2.0, 8.0)).pvalue > 0.01
+        assert np.corrcoef(normal[:, 0], normal[:, t])[0, 1] == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
 
 
 def test_calibration_errs_for_all_covers_of_a_channel_alike():

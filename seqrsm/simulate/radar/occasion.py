@@ -18,6 +18,7 @@ from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.remember import cached_by_thread
@@ -94,10 +95,10 @@ def draw_ground_state(radar: RadarConfiguration, visit: Visit, *, seed: int, run
     ``seed`` and ``run_id`` are those of campaign and run.
     """
     moisture = moisture_share(visit, seed=seed, run_id=run_id)
-    wind = generator(seed, run_id, visit.dated("wind")).random()
+    wind = over_dates(visit, "wind", lambda name: ndtri(generator(seed, run_id, name).random(1)), FAST_DAYS)
     return (
         float(radar.soil_moisture_low + moisture * (radar.soil_moisture_high - radar.soil_moisture_low)),
-        float(radar.wind_low_m_s + wind * (radar.wind_high_m_s - radar.wind_low_m_s)),
+        float(radar.wind_low_m_s + ndtr(wind[0]) * (radar.wind_high_m_s - radar.wind_low_m_s)),
     )
 
 
