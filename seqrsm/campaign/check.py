@@ -31,7 +31,8 @@ from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_prob
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import has_course
-from seqrsm.sensor.hardware import ASSUMED_BITS, LOWEST_ORBIT_M, data_rate_bit_s
+from seqrsm.sensor.earth import LOWEST_ORBIT_M
+from seqrsm.sensor.hardware import ASSUMED_BITS, data_rate_bit_s
 from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import EARTH_RADIUS_M
+
+LOWEST_ORBIT_M: Final = 120e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +108,15 @@ def ground_range_of_slant(slant_range_m: FloatArray, height_m: float, curved: bo
         return chord
     scale = 2.0 * math.sqrt(EARTH_RADIUS_M * (EARTH_RADIUS_M + height_m))
     return np.asarray(2.0 * EARTH_RADIUS_M * np.arcsin(np.minimum(chord / scale, 1.0)))
+
+
+def ground_share(altitude_m: float, curved: bool) -> float:
+    """Way over ground of each metre that a satellite at an altitude [m] moves in space, R / (R + h).
+
+    1 of a plane and below orbits, where it would be 0.997 at 20 km. It is that of the ground below the satellite:
+    beside it the way is shorter by the cosine of the angle between both, 0.998 at an incidence of 35 deg from 700 km.
+    """
+    return EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) if curved and altitude_m > LOWEST_ORBIT_M else 1.0
 
 
 def incidence_of_look(look_rad: float, height_m: float, curved: bool) -> float:

@@ -42,10 +42,10 @@ def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration], taken
     sine = angle.slant_resolution_m / float(angle.ground_resolution_m(angle.centre_incidence_rad))
     taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * sine)
     # A synthetic aperture's cell is given by the antenna's length, that of a real one by its beam.
-    synthetic = cell.aperture == "synthetic"
-    length_m = 2.0 * cell.sample_m if synthetic else of["frequency"].wavelength_m / cell.azimuth_beamwidth_rad
-    taken |= {"antenna_length_m": length_m, "azimuth_beamwidth_deg": None}
-    taken |= pulses(taken["channels"], length_m, angle.speed_m_s)
+    beam_m = of["frequency"].wavelength_m / cell.azimuth_beamwidth_rad
+    sample_m = cell.sample_m if cell.aperture == "synthetic" else 0.5 * beam_m * angle.ground_share
+    taken |= {"antenna_length_m": 2.0 * sample_m / angle.ground_share, "azimuth_beamwidth_deg": None}
+    taken |= pulses(taken["channels"], sample_m, angle.speed_m_s)
     return with_noise(replace(base, **taken), noise_equivalent_db(of["noise"]))
 
 

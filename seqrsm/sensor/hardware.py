@@ -14,14 +14,13 @@ from typing import Final
 import numpy as np
 
 from seqrsm.constants import EARTH_GM_M3_S2, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
-from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.earth import LOWEST_ORBIT_M, ground_share, range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.units import db_to_linear
 
 ASSUMED_BITS: Final = 4
 """Of each of I and Q where there is no converter, as RADARSAT-1's."""
 
-LOWEST_ORBIT_M: Final = 120e3
 _SAMPLES_A_HERTZ: Final = 1.15  # from 1.07 (RADARSAT-1) to 1.22 (ERS) flew
 _GAIN_MARGIN: Final = 0.5
 """Gain is held against its limit to half, since beams are given to their half power and shapes differ."""
@@ -48,7 +47,7 @@ class Limit:
 def orbit_speed_m_s(altitude_m: float) -> float:
     """Ground speed [m/s] of a satellite on a circular orbit at an altitude [m], the Earth standing still."""
     orbit_m = EARTH_RADIUS_M + altitude_m
-    return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * EARTH_RADIUS_M / orbit_m
+    return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * ground_share(altitude_m, True)
 
 
 def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> float:
@@ -91,7 +90,8 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
     if radar.aperture == "synthetic":
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
         path = 0.5 * float(near_slant + far_slant) * math.tan(radar.centre_incidence_rad)
-        needed = radar.n_transmit * 4.0 * radar.speed_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
+        in_space_m_s = radar.speed_m_s / radar.ground_share
+        needed = radar.n_transmit * 4.0 * in_space_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
         told = f"a gain of {radar.antenna_gain_db:g} dB is {area:.3g} m2 of antenna; ambiguities allow no less than "
         told += f"{needed:.3g} m2"
         found.append(Limit("antenna area against ambiguities", area / needed, told))

@@ -30,7 +30,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
-from seqrsm.sensor.earth import ground_range_of_look, slant_range_of_ground
+from seqrsm.sensor.earth import ground_range_of_look, ground_share, slant_range_of_ground
 from seqrsm.sensor.hardware import orbit_speed_m_s
 from seqrsm.sensor.radar import PHASE, RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -248,10 +248,10 @@ def with_noise(radar: RadarConfiguration, noise_db: float) -> RadarConfiguration
     return replace(radar, antenna_gain_db=gain)
 
 
-def pulses(channels: tuple[str, ...], antenna_length_m: float, speed_m_s: float) -> dict[str, Any]:
-    """Pulse rate and length that sample the antenna's length once for each transmit polarization, with a tenth over."""
+def pulses(channels: tuple[str, ...], sample_m: float, speed_m_s: float) -> dict[str, Any]:
+    """Pulse rate and length: one of each transmit polarization on the way from sample to sample, and a tenth over."""
     transmit = len({channel[0] for channel in channels if channel != PHASE})
-    rate = 1.1 * transmit * 2.0 * speed_m_s / antenna_length_m
+    rate = 1.1 * transmit * speed_m_s / sample_m
     return {"prf_hz": rate, "pulse_length_us": min(5.0, 0.5e6 / rate)}
 
 
@@ -280,7 +280,7 @@ def radar_of(
     cell = max(cell_m or own_cell, own_cell)
     looks = sensor.looks(incidence_deg, cell)
     across = max(cell / sensor._pulse_m(incidence_deg), 1.0)
-    length = 2.0 * cell * min(across / looks, 1.0) * 0.999
+    sample = cell * min(across / looks, 1.0) * 0.999
     altitude = 1e3 * sensor.values["altitude_km"]
     look = math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude) * math.sin(math.radians(incidence_deg)))
     both = tuple(channels.split("+"))
@@ -293,11 +293,11 @@ def radar_of(
         depression_angle_deg=90.0 - math.degrees(look),
         altitude_m=altitude,
         looks=looks,
-        antenna_length_m=length,
+        antenna_length_m=2.0 * sample / ground_share(altitude, True),
         antenna_gain_db=_GAIN_DB,
         speed_m_s=sensor.speed_m_s,
         calibration_sd_db=sensor.calibration_sd_db,
-        **pulses(both, length, sensor.speed_m_s),
+        **pulses(both, sample, sensor.speed_m_s),
     )
     return with_noise(radar, sensor.noise_db(incidence_deg))
 

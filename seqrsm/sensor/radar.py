@@ -18,7 +18,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, EARTH_RADIUS_M, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import PATTERN_STEPS, ElevationPattern, atmosphere_factor, elevation_gain
-from seqrsm.sensor.earth import incidence_of_look
+from seqrsm.sensor.earth import ground_share, incidence_of_look
 from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
@@ -85,7 +85,8 @@ class RadarConfiguration:
     antenna_east_m, antenna_north_m : float
         Of a plan-position indicator, from the middle of the scene [m].
     aperture : {"synthetic", "real"}
-        Azimuth cell of one look: L/2, or R beta (eq. 3-9).
+        Azimuth cell of one look: L/2, or R beta (eq. 3-9). From orbit L/2 is in space, and shorter on the ground
+        (`seqrsm.sensor.earth.ground_share`).
     azimuth_beamwidth_deg : float or None
         Half-power beamwidth beta along the track [deg]; None is lambda/L. A given one is that of a length lambda/beta,
         which then stands for L in resolution and looks.
@@ -265,6 +266,11 @@ class RadarConfiguration:
         """Incidence angle on flat ground at the centre of the scene [rad]; nan beyond the horizon."""
         return incidence_of_look(math.radians(90.0 - self.depression_angle_deg), self.altitude_m, self.curved)
 
+    @property
+    def ground_share(self) -> float:
+        """Way over ground of each metre of the flight line; less than 1 from orbit."""
+        return ground_share(self.altitude_m, self.curved)
+
     def elevation_gain(self, look_rad: FloatArray) -> FloatArray:
         """One-way antenna pattern over its peak at look angles [rad]."""
         boresight = self.boresight_depression_deg
@@ -333,17 +339,20 @@ class RadarConfiguration:
         return spacing
 
     def azimuth_resolution_m(self, slant_range_m: _Real) -> _Real:
-        """Azimuth resolution of one look [m]: L/2, or R beta of a real aperture (eq. 3-9)."""
+        """Azimuth resolution of one look [m]: `sample_m`, or R beta of a real aperture (eq. 3-9)."""
         if self.aperture == "synthetic":
             return self.sample_m + 0.0 * slant_range_m
         return slant_range_m * self.azimuth_beamwidth_rad
 
     @property
     def sample_m(self) -> float:
-        """Flight path from one independent sample to the next [m]: L/2, or lambda / (2 beta) of a given beam."""
+        """Way over ground from one independent sample to the next [m]: L/2, or lambda / (2 beta) of a given beam.
+
+        Both are of the flight line itself, so that from orbit the way is shorter by the ground's share.
+        """
         if self.azimuth_beamwidth_deg is None:
-            return 0.5 * self.antenna_length_m
-        return 0.5 * self.wavelength_m / self.azimuth_beamwidth_rad
+            return 0.5 * self.antenna_length_m * self.ground_share
+        return 0.5 * self.wavelength_m / self.azimuth_beamwidth_rad * self.ground_share
 
     @property
     def azimuth_beamwidth_rad(self) -> float:

@@ -61,7 +61,7 @@ def test_metre_cells_from_850_km():
     rng = np.random.default_rng(1)
     z = rng.normal(0.0, 0.05, (80, 60)).cumsum(axis=0)
     r = radar(
-        altitude_m=850e3, prf_hz=1500.0, speed_m_s=7000.0, antenna_length_m=10.0, resolution_m=5.0, bandwidth_mhz=100.0
+        altitude_m=850e3, prf_hz=1600.0, speed_m_s=7000.0, antenna_length_m=10.0, resolution_m=5.0, bandwidth_mhz=100.0
     )
     image = {p: quiet(scene(z, 1.0), r, precision=p) for p in ("float32", "float64")}
     ratio = image["float32"].mean_power / image["float64"].mean_power
@@ -201,7 +201,7 @@ def test_gamma_is_constant_up_to_the_horizon(tmp_path, earth):
 
 def test_an_image_a_tenth_of_a_degree_from_nadir():
     r = radar(
-        depression_angle_deg=89.9, altitude_m=850e3, resolution_m=200.0, bandwidth_mhz=5000.0, prf_hz=1500.0,
+        depression_angle_deg=89.9, altitude_m=850e3, resolution_m=200.0, bandwidth_mhz=5000.0, prf_hz=1600.0,
         speed_m_s=7000.0, antenna_length_m=10.0, fading="none",
     )  # fmt: skip
     image = quiet(scene(np.zeros((60, 40)), 40.0), r, Table((-10.0,), 0.2))

@@ -75,7 +75,8 @@ def test_an_antenna_is_large_enough_where_what_its_beam_lights_fits_between_puls
     look = math.radians(90.0 - radar.depression_angle_deg)
     slant = EARTH_RADIUS_M * math.sin(theta - look) / math.sin(look)
     lit = radar.wavelength_m / height * slant * math.tan(theta)  # depth in slant range
-    rate = 2.0 * radar.speed_m_s / length * len({channel[0] for channel in channels})
+    in_space = math.sqrt(3.986004418e14 / (EARTH_RADIUS_M + 693e3))
+    rate = 2.0 * in_space / length * len({channel[0] for channel in channels})
     centre = EARTH_RADIUS_M * (theta - look)
     (margin,) = (one.margin for one in limits(radar, centre, centre + 1.0) if "area" in one.name)
     assert margin == pytest.approx(0.5 * SPEED_OF_LIGHT_M_S / rate / lit, rel=1e-3)

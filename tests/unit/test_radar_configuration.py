@@ -125,6 +125,69 @@ def test_signal_to_noise_is_the_textbook_synthetic_aperture_equation():
     assert 0.1 / nesz == pytest.approx(snr, rel=1e-10)
 
 
+@pytest.mark.parametrize(
+    ("altitude", "incidence", "length"), [(514e3, 25.0, 4.8), (693e3, 38.0, 12.3), (850e3, 23.0, 10.0)]
+)
+def test_a_satellite_resolves_what_its_path_in_space_and_the_ground_below_it_let(altitude, incidence, length):
+    """A pass in vectors: Doppler at both edges of the beam, its time between them, and the beam's way over ground."""
+    R, wavelength = 6371008.8, C / 5.3e9
+    turn = math.sqrt(3.986004418e14 / (R + altitude) ** 3)  # rad/s
+    look = math.asin(R / (R + altitude) * math.sin(math.radians(incidence)))
+    off = math.radians(incidence) - look
+    target = R * np.array([math.cos(off), 0.0, math.sin(off)])
+
+    def seen(t):
+        """Sine of the target's angle from broadside, and the slant range."""
+        place = (R + altitude) * np.array([math.cos(turn * t), math.sin(turn * t), 0.0])
+        toward = target - place
+        slant = np.linalg.norm(toward)
+        return float(toward @ [-math.sin(turn * t), math.cos(turn * t), 0.0]) / slant, float(slant)
+
+    low, high = 0.0, 5.0
+    while high - low > 1e-12:  # when the target leaves the half-power beam
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if abs(seen(middle)[0]) < 0.5 * wavelength / length else (low, middle)
+    step = 1e-5
+    doppler_hz = 2.0 * abs(seen(low + step)[1] - seen(low - step)[1]) / (2.0 * step) / wavelength * 2.0
+    on_ground = turn * R  # m/s
+    r = from_settings(
+        {**SETTINGS, "resolution": 30.0, "depression_angle": 90.0 - math.degrees(look)},
+        {"altitude_m": altitude, "speed_m_s": on_ground, "antenna_length_m": length, "prf_hz": 5000.0},
+    )
+    slant = seen(0.0)[1]
+    # The track of a place beside that of the satellite is shorter by the cosine of the angle between them.
+    assert r.azimuth_resolution_m(slant) == pytest.approx(on_ground / doppler_hz, rel=1e-3)
+    assert r.coherent_pulses(slant) == pytest.approx(5000.0 * 2.0 * low, rel=0.01)
+    assert r.looks_available(math.radians(incidence)) == pytest.approx(
+        30.0 / (on_ground / doppler_hz) * 30.0 / (C / 1e8 / math.sin(math.radians(incidence))), rel=1e-3
+    )
+
+
+def test_noise_from_orbit_is_that_of_the_speed_in_space():
+    # NESZ = 256 pi**3 R**3 V sin(theta) k T0 B F / (P G**2 lambda**3 c tau PRF) x losses, V that of the satellite.
+    look, height = math.radians(30.0), 700e3
+    theta = math.asin((6371008.8 + height) / 6371008.8 * math.sin(look))
+    R = 6371008.8 * math.sin(theta - look) / math.sin(look)
+    V = math.sqrt(3.986004418e14 / (6371008.8 + height))
+    ground = V * 6371008.8 / (6371008.8 + height)
+    beams = {}, {"azimuth_beamwidth_deg": 0.3}
+    for beam in beams:
+        fixed = {"altitude_m": height, "speed_m_s": ground, "antenna_length_m": 10.0, "prf_hz": 4000.0, **beam}
+        r = from_settings({**SETTINGS, "depression_angle": 60.0}, fixed)
+        nesz = 256 * math.pi**3 * R**3 * V * math.sin(theta) * 1.380649e-23 * 290.0 * 50e6 * 10**0.4 * 10**0.3
+        nesz /= 100.0 * 10**5.0 * (C / 5.3e9) ** 3 * C * 5e-6 * 4000.0
+        assert noise_equivalent_db(r) == pytest.approx(10.0 * math.log10(nesz), abs=1e-3)
+
+
+def test_pulses_from_orbit_sample_the_doppler_of_the_speed_in_space():
+    V = math.sqrt(3.986004418e14 / (6371008.8 + 700e3))
+    orbit = {"altitude_m": 700e3, "speed_m_s": V * 6371008.8 / 7071008.8, "antenna_length_m": 10.0}
+    settings = {**SETTINGS, "depression_angle": 60.0}
+    assert from_settings(settings, {**orbit, "prf_hz": 1.0001 * 2.0 * V / 10.0}).prf_hz > 0.0
+    with pytest.raises(ConfigurationError, match="prf_hz"):
+        from_settings(settings, {**orbit, "prf_hz": 0.9999 * 2.0 * V / 10.0})
+
+
 def test_two_transmit_polarizations_share_the_pulses():
     one, two = (from_settings({**SETTINGS, "polarization": p}, FIXED) for p in ("HH+HV", "HH+VV"))
     R = np.array([8000.0])
