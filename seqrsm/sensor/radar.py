@@ -126,12 +126,13 @@ class RadarConfiguration:
         M of eq. (3-1): linear, square_law, saturation, compression, agc, or ``package.module:function`` of a power
         array (`seqrsm.simulate.radar.receiver`).
     receiver_level_db : float
-        Level of M's bend, of its unit gain, and of the converter [dB] over the power of flat ground of sigma0 = 1 at
-        the centre of the swath.
+        Level of M's bend and of its unit gain [dB] over the power of flat ground of sigma0 = 1 at the centre of the
+        swath.
     agc_length_m : float
         Flight path over which the automatic gain follows the echo [m].
     adc_bits, adc_range_db : int, float
-        Bits of the converter Q, 0 for none, and its full scale over the receiver's level [dB].
+        Bits of the converter Q for each of I and Q of the raw echo, 0 for none, and the power of its full scale over
+        that of a channel's mean echo [dB]. Its error is noise (`seqrsm.simulate.radar.receiver`).
     processing : str
         S of eq. (3-3): ``package.module:function`` of the intensities after M and Q, or "" for none.
     n_bits, dynamic_range_db : int, float
@@ -211,7 +212,7 @@ class RadarConfiguration:
     receiver_level_db: float = 0.0
     agc_length_m: float = 500.0
     adc_bits: int = 0
-    adc_range_db: float = 20.0
+    adc_range_db: float = 8.0
     processing: str = ""
     n_bits: int = 8
     dynamic_range_db: float = 20.0
@@ -411,6 +412,13 @@ class RadarConfiguration:
         along = slant_range_m * self.azimuth_beamwidth_rad
         pulses: _Real = np.maximum(self.prf_hz / self.n_transmit * along / self.speed_m_s, 1.0)
         return pulses
+
+    @property
+    def pulses_a_sample(self) -> float:
+        """Pulses of one transmit polarization added in phase for each independent sample, at least 1."""
+        if self.aperture == "real":
+            return 1.0
+        return max(self.prf_hz / self.n_transmit * self.sample_m / self.speed_m_s, 1.0)
 
     def noise_power_w(self, slant_range_m: FloatArray) -> FloatArray:
         """Noise power of one look [W], on the scale of `received_power_w`: divided by both processing gains."""

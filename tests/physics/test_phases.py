@@ -301,7 +301,9 @@ def patches(n: int = 24, cells: int = 20) -> object:
     return scene(np.zeros(cover.shape), 5.0, cover, field, COVERS)
 
 
-@pytest.mark.parametrize("more", [{}, {"pixel_m": 10.0}, {"texture_db": 1.0}, {"calibration_sd_db": 1.0}])
+@pytest.mark.parametrize(
+    "more", [{}, {"pixel_m": 10.0}, {"texture_db": 1.0}, {"calibration_sd_db": 1.0}, {"adc_bits": 1}]
+)
 def test_an_image_has_the_phase_of_its_ground_through_noise_and_fading(more: dict[str, float]) -> None:
     """Mean products of HH and VV over all pixels of a cover are those of its fields, on that date."""
     ground, sensor = patches(), radar(channels=FULL, peak_power_w=0.5, **more)  # as much noise as echo

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +13,11 @@ from scipy import stats
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.sensor.antenna import atmosphere_factor, elevation_gain
 from seqrsm.sensor.earth import ground_range_of_look, horizon_ground_range_m, range_geometry, slant_range_of_ground
-from seqrsm.sensor.named import with_noise
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums
 from seqrsm.simulate.radar.fading import correlated_fading
-from seqrsm.simulate.radar.frame import make_frame
-from seqrsm.simulate.radar.psm import blind_channels, simulate_radar
+from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 from seqrsm.simulate.radar.targets import CulturalTarget
 from seqrsm.simulate.runner import do_all
@@ -295,48 +294,61 @@ def test_automatic_gain_follows_the_flight():
     assert line[k] / line[-1] == pytest.approx(1.0 / follow, rel=0.02)
 
 
-def test_converter_words_from_one_to_sixteen_bits():
+def test_saturation_holds_all_at_its_level():
     s = scene(np.zeros((60, 60)), 5.0)
-    plain = quiet(s, radar()).intensity.astype(float)
-    for bits in (1, 4, 16):
-        got = quiet(s, radar(adc_bits=bits, adc_range_db=0.0)).intensity.astype(float)
-        levels = np.unique(got)
-        assert len(levels) <= 2**bits
-        step = levels[1] - levels[0] if len(levels) > 1 else np.inf
-        assert np.abs(got - plain).max() <= 0.5 * step * 1.001 + 1e-6 * plain.max()
-        if bits == 16:
-            np.testing.assert_allclose(got, plain, rtol=0.05)
     saturated = quiet(s, radar(receiver="saturation", receiver_level_db=-60.0)).intensity
     assert np.unique(saturated).size == 1
 
 
-@pytest.mark.parametrize(
-    ("bits", "levels", "more", "told"),
-    [
-        (4, (-14.5,), {}, True),
-        (10, (-14.5,), {}, True),
-        (11, (-14.5,), {}, False),
-        (12, (-14.5,), {}, False),
-        (0, (-14.5,), {}, False),
-        (1, (15.5,), {}, True),  # half of one step is half of full scale: 17.0 dB
-        (1, (17.5,), {}, False),
-        (10, (-14.5, -5.0), {}, False),
-        (10, (-14.5,), {"noise_db": -15.0}, False),  # -11.7 dB together
-        (10, (-14.5,), {"receiver": "agc"}, False),
-    ],
-)
-def test_ground_below_half_a_step_of_the_converter_is_zero_and_told(bits, levels, more, told):
-    # Half a step of 10 bits from 0 to 20 dB is 100 / 1023 / 2, a sigma0 of -13.1 dB, and 3.0 dB less with 11 bits.
-    s = scene(np.zeros((40, 40)), 5.0, np.arange(1600).reshape(40, 40) % len(levels))
-    given = {"adc_bits": bits, "fading": "none", "peak_power_w": 1e4, **more}
-    noise_db = given.pop("noise_db", None)
-    r = radar(**given) if noise_db is None else with_noise(radar(**given), noise_db)
-    image = quiet(s, r, Table(levels))
-    assert bool((image.intensity == 0.0).all()) == told
-    names = tuple(f"class {k}" for k in range(len(levels)))
-    lookup = Table(levels).lookup(names, 5.3, "VV", season="", wind_m_s=0.0, soil_moisture=0.2)
-    notes = blind_channels(r, make_frame(s, r, "float32"), [lookup])
-    assert [note.partition(":")[0] for note in notes] == ["echo weaker than half a step of the converter"] * told
+def pulses_converted(bits: int, sigma0: np.ndarray, full_scale_db: float) -> np.ndarray:
+    """Mean of compressed looks of ground (n,) whose raw echo is converted: a long coded pulse, wave by wave."""
+    rng = np.random.default_rng(8)
+    n = len(sigma0)
+    code = np.exp(2j * np.pi * rng.random(n))
+    out = np.zeros(n)
+    for _ in range(400):
+        waves = np.sqrt(0.5 * sigma0) * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+        raw = np.fft.ifft(np.fft.fft(waves, norm="ortho") * code, norm="ortho")
+        scale = np.sqrt(10.0 ** (0.1 * full_scale_db) * np.mean(np.abs(raw) ** 2))
+        step = 2.0 * scale / 2**bits
+
+        def convert(x, step=step):
+            return (np.clip(np.floor(x / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1) + 0.5) * step
+
+        y = convert(raw.real) + 1j * convert(raw.imag)
+        gain = np.vdot(raw, y).real / np.vdot(raw, raw).real
+        out += np.abs(np.fft.ifft(np.fft.fft(y / gain, norm="ortho") / code, norm="ortho")) ** 2 / 400
+    return out
+
+
+@pytest.mark.parametrize(("bits", "full_scale_db"), [(1, 8.0), (2, 3.0), (4, 8.0), (4, 16.0), (8, 8.0)])
+def test_a_converter_adds_the_noise_of_raw_echoes_that_are_rounded(bits, full_scale_db):
+    """Bright and dark ground share the error of the echo in which both lie before it is compressed."""
+    cover = np.zeros((64, 64), dtype=int)
+    cover[:, 32:] = 1
+    s = scene(np.zeros((64, 64)), 5.0, cover, cover)
+    r = radar(adc_bits=bits, adc_range_db=full_scale_db, fading="none", peak_power_w=1e7, altitude_m=20e3, prf_hz=150.0)
+    r = replace(r, speed_m_s=150.0)  # one pulse a metre, as an antenna of 2 m needs
+    image = quiet(s, r, Table((-5.0, -25.0)))
+    shown = image.apparent_sigma0()[0]
+    by_waves = pulses_converted(bits, np.repeat(10.0 ** np.array([-0.5, -2.5]), 512), full_scale_db)
+    noise = float(image.noise_equivalent_sigma0.mean())
+    np.testing.assert_allclose(shown[:, :7].mean() - noise, by_waves[:512].mean(), rtol=0.03)
+    np.testing.assert_allclose(shown[:, -7:].mean() - noise, by_waves[512:].mean(), rtol=0.05)
+
+
+def test_more_pulses_than_are_needed_average_the_error_of_a_converter():
+    s = scene(np.zeros((40, 40)), 5.0)
+    given = {"fading": "none", "peak_power_w": 1e6, "speed_m_s": 150.0, "channels": ("HH", "HV")}
+
+    def added(**more):
+        one, plain = (quiet(s, radar(adc_bits=bits, adc_range_db=8.0, **given, **more)) for bits in (2, 0))
+        gain = one.apparent_sigma0() - plain.apparent_sigma0()
+        return gain.mean(axis=(1, 2)), plain.apparent_sigma0().mean(axis=(1, 2))
+
+    (once, level), (four, _) = added(prf_hz=150.0), added(prf_hz=600.0)
+    np.testing.assert_allclose(once / four, 4.0, rtol=1e-3)
+    np.testing.assert_allclose(once / level, once[0] / level[0], rtol=1e-3)  # of each channel by its own echo
 
 
 @pytest.mark.parametrize("bits", [1, 8, 16])

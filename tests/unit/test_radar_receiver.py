@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.simulate.radar.receiver import (
+    converter_error,
     film_density,
     greytone,
     least_intensity,
@@ -52,12 +53,37 @@ def test_film_slope_and_constant():
 
 def test_stages_are_applied_in_order_and_none_is_free():
     x = np.array([[[1.0, 3.0, 9.0]]])
-    given = {"processing": "", "adc_bits": 0, "adc_range_db": 10.0 * np.log10(1.5), "receiver_level_db": 0.0}
+    given = {"processing": "", "receiver_level_db": 0.0}
     assert received(x, SimpleNamespace(receiver="linear", **given), 2.0) is x
-    # Square-law over a level of 2, then two bits up to 3, then the square root.
-    given |= {"adc_bits": 2, "processing": "numpy:sqrt"}
+    # Square-law over a level of 2, then the square root.
+    given |= {"processing": "numpy:sqrt"}
     got = received(x, SimpleNamespace(receiver="square_law", **given), 2.0)
-    np.testing.assert_allclose(got, [[[0.0, np.sqrt(3.0), np.sqrt(3.0)]]], rtol=1e-12)
+    np.testing.assert_allclose(got, x / np.sqrt(2.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("bits", "step", "error"),
+    [(1, 1.596, 0.3634), (2, 0.9957, 0.1188), (3, 0.5860, 0.03744), (4, 0.3352, 0.01154), (5, 0.1881, 0.003495)],
+)
+def test_error_of_a_converter_is_that_of_the_best_equal_steps(bits, step, error):
+    """Max (1960, IRE Trans. Inf. Theory 6, 7-12), Table II: steps and mean square error of a signal of variance 1."""
+    full_scale_db = 20.0 * np.log10(0.5 * step * 2**bits / np.sqrt(2.0))  # I and Q have half of the power each
+    # The best step leaves an error that is unrelated to what comes out: error and 1 - error are noise and signal.
+    assert converter_error(bits, full_scale_db) == pytest.approx(error / (1.0 - error), rel=2e-3)
+
+
+def test_error_of_a_converter_at_its_ends():
+    assert converter_error(1, 30.0) == pytest.approx(0.5 * np.pi - 1.0)  # the sign alone, whatever the scale
+    assert converter_error(8, 40.0) == pytest.approx((2.0 * np.sqrt(2.0) * 100.0 / 256) ** 2 / 12.0, rel=0.01)
+    by_guide = [-10.0 * np.log10(converter_error(bits, 8.0)) for bits in (4, 8)]
+    assert [round(level) for level in by_guide] == [18, 40]
+    # Steps too fine to matter: a limiter at half the standard deviation of I and Q, by numbers drawn.
+    x = np.random.default_rng(4).standard_normal(1_000_000)
+    y = np.clip(x, -0.5, 0.5)
+    gain = (x * y).mean()
+    assert converter_error(16, 20.0 * np.log10(0.5 / np.sqrt(2.0))) == pytest.approx(
+        ((y * y).mean() - gain**2) / gain**2, rel=0.01
+    )
 
 
 def test_levels_take_the_smallest_type():

@@ -37,12 +37,12 @@ from seqrsm.simulate.radar.echo import (
 from seqrsm.simulate.radar.fading import correlated_fading, fade_together, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state, look_up, met_occasion, nominal_ground_state
-from seqrsm.simulate.radar.receiver import received
+from seqrsm.simulate.radar.receiver import converter_noise, received
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.runner import do_all
 from seqrsm.simulate.visits import ONCE, Visit
-from seqrsm.units import db_to_linear, linear_to_db
+from seqrsm.units import linear_to_db
 
 
 def simulate_radar(
@@ -145,7 +145,11 @@ def _form_image(
     slant, theta, ground_range = flat.slant_range_m[:n], incidence[:n], flat.ground_range_m[:n]
     looks, noise = radar.looks_used(theta), radar.noise_power_w(slant)
     mean, smeared = _mean_power(sums, radar, grid, (slant, theta, ground_range), threads)
-    power = _faded(mean, noise, looks, radar, speckle, threads)
+    lit, rounded = mean, np.zeros(0)
+    if radar.adc_bits:
+        rounded = converter_noise(mean, noise, calibration[:n], radar)
+        lit = np.asarray(mean + rounded[:, None, None] * calibration[:n, None], dtype=mean.dtype)
+    power = _faded(lit, noise, looks, radar, speckle, threads)
     return RadarImage(
         intensity=received(power, radar, float(calibration[n])),
         mean_power=mean,
@@ -165,7 +169,7 @@ def _form_image(
         quarter_turns=frame.quarter_turns,
         cell_m=frame.cell_m,
         scene_shape=scene.shape,
-        notes=(*notes, *_engine_notes(radar, looks, smeared, frame)),
+        notes=(*notes, *_engine_notes(radar, looks, smeared, frame), *_converter_notes(radar, rounded)),
     )
 
 
@@ -316,7 +320,7 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
 
 
 def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
-    """Layers in which no cover is seen at the centre of the swath: too weak for noise or converter, or saturated.
+    """Layers in which no cover is seen at the centre of the swath: too weak for noise, or saturated.
 
     Each as "kind: what"; ``lookups``: one for each layer.
     """
@@ -324,24 +328,16 @@ def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequen
     theta = flat.incidence_rad
     noise_db = float(linear_to_db(radar.noise_equivalent_sigma0(theta, flat.slant_range_m, flat.look_rad))[0])
     level_db = radar.receiver_level_db if radar.receiver == "saturation" else math.inf
-    step_db = -math.inf  # of a linear receiver, below which the converter tells 0
-    if radar.adc_bits and radar.receiver == "linear":
-        step_db = radar.receiver_level_db + radar.adc_range_db - float(linear_to_db(2.0 * (2.0**radar.adc_bits - 1.0)))
-    weak, lost, strong = [], [], []
+    weak, strong = [], []
     for layer, lookup in zip(radar.layers, lookups, strict=True):
         sigma0 = [np.interp(math.degrees(theta[0]), lookup.theta_deg, row) for row in lookup.sigma0]
         cover_db = linear_to_db(np.array(sigma0))
         weak += [layer] * bool((cover_db < noise_db).all())
-        seen_db = linear_to_db(db_to_linear(cover_db) + db_to_linear(noise_db))
-        lost += [layer] * bool((seen_db < step_db).all())
         strong += [layer] * bool((cover_db > level_db).all())
     notes = []
     if weak:
         text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
         notes.append(f"echo weaker than the receiver's noise: {text}")
-    if lost:
-        text = f"every cover in {' and '.join(lost)}, where half a step stands for a sigma0 of {step_db:.1f} dB"
-        notes.append(f"echo weaker than half a step of the converter: {text}")
     if strong:
         text = f"every cover in {' and '.join(strong)} returns more than the level of {level_db:g} dB"
         notes.append(f"saturated receiver: {text}")
@@ -363,6 +359,14 @@ def tops_counted_twice(frame: RadarFrame) -> list[str]:
 
 _WIDE_DEG = 20.0
 """By it crops gain -0.1 points over 12 deg, 0.2 over 18, 1.1 over 25, 3.1 over 46, in 16 worlds."""
+
+
+def _converter_notes(radar: RadarConfiguration, rounded: FloatArray) -> list[str]:
+    """What the noise of a converter stands for in each channel, its sigma0 (n_layers,); none without a converter."""
+    told = ", ".join(
+        f"{level:.1f} dB in {name}" for name, level in zip(radar.recorded, linear_to_db(rounded), strict=False)
+    )
+    return [f"the error of a converter of {radar.adc_bits} bits stands for a sigma0 of {told}"] if told else []
 
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:

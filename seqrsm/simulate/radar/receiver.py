@@ -1,7 +1,8 @@
 """Receiver, quantiser and film of the report: from received power to intensity, density and grey tone.
 
-M, Q and S of RSL TR 380-1 eqs. (3-1) to (3-3) are functions of power arrays. None stands for a linear one that changes
-nothing, and costs nothing.
+M and S of RSL TR 380-1 eqs. (3-1) to (3-3) are functions of power arrays. None stands for a linear one that changes
+nothing, and costs nothing. Q comes before pulses are compressed and looks averaged: there the echo is the sum of many
+waves, whose real and imaginary parts are Gaussian, and what is rounded off is noise that spreads over the image.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError
 from seqrsm.own_code import own_function
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import PHASE, RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 
 Transfer = Callable[[FloatArray], FloatArray]
@@ -23,7 +25,7 @@ Transfer = Callable[[FloatArray], FloatArray]
 
 
 def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -> AnyArray:
-    """Intensity of an image after the radar's own receiver M, converter Q and processing S: eqs. (3-1) to (3-3).
+    """Intensity of an image after the radar's own receiver M and processing S: eqs. (3-1) and (3-3).
 
     ``power_w`` (n_channels, n_range, n_azimuth) is the received power with fading [W], ``reference_w`` that of flat
     ground of sigma0 = 1 at the centre of the swath [W]. The intensity is of the same type, on the scale of the input,
@@ -37,18 +39,47 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
     level = reference_w * 10.0 ** (0.1 * radar.receiver_level_db)
     stage = transfer_function(radar, level)
     processing = named_function("processing", radar.processing) if radar.processing else None
-    if stage is None and processing is None and radar.adc_bits == 0:
+    if stage is None and processing is None:
         return power_w
     out: AnyArray = np.asarray(power_w, dtype=np.float64)
     if stage is not None:
         out = stage(out)
-    if radar.adc_bits:
-        # Uniform steps from 0 to full scale, the top held beyond.
-        full_scale, top = level * 10.0 ** (0.1 * radar.adc_range_db), 2.0**radar.adc_bits - 1.0
-        out = np.rint(np.clip(out / full_scale, 0.0, 1.0) * top) * (full_scale / top)
     if processing is not None:
         out = processing(out)
     return np.asarray(out, dtype=power_w.dtype)
+
+
+def converter_error(bits: int, full_scale_db: float) -> float:
+    """Noise over signal that a converter leaves of a Gaussian echo, linear.
+
+    I and Q are each held within the full scale and rounded to 2**bits equal steps; ``full_scale_db`` is the power of
+    one that is at it, over that of the echo, both together [dB]. What comes out is the echo times a gain, which
+    calibration takes out, and noise that has nothing to do with it (Bussgang 1952, MIT RLE Technical Report 216).
+    """
+    half = 2 ** (min(bits, 16) - 1)  # finer steps than those of 16 bits are none
+    step = math.sqrt(2.0) * 10.0 ** (0.05 * full_scale_db) / half
+    edge, shown = step * np.arange(half), step * (np.arange(half) + 0.5)  # of positive numbers, of variance 1
+    above = np.append(ndtr(-edge), 0.0)
+    density = np.append(np.exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi), 0.0)
+    power = 2.0 * float(np.square(shown) @ (above[:-1] - above[1:]))
+    gain = 2.0 * float(shown @ (density[:-1] - density[1:]))
+    return power / gain**2 - 1.0
+
+
+def converter_noise(
+    mean: AnyArray, noise_w: FloatArray, calibration_w: FloatArray, radar: RadarConfiguration
+) -> FloatArray:
+    """Noise of the converter Q (n_layers,), as the sigma0 of flat ground that returns as much.
+
+    The gain follows the range as the echo of flat ground does, and each channel has its own: the full scale is that
+    over the channel's mean echo, with the receiver's noise before pulses are added up. That of a pair together is that
+    of both. ``mean`` (n_layers, n_range, n_azimuth), ``noise_w`` and ``calibration_w`` (n_range,) as of `RadarImage`.
+    """
+    spare = radar.pulses_a_sample
+    echo = (mean / calibration_w[:, None]).mean(axis=(1, 2)) + spare * float((noise_w / calibration_w).mean())
+    if PHASE in radar.channels:
+        echo[len(radar.recorded) :] = echo[[radar.layers.index(channel) for channel in radar.pair]].mean()
+    return np.asarray(converter_error(radar.adc_bits, radar.adc_range_db) / spare * echo, dtype=np.float64)
 
 
 def named_function(field: str, name: str) -> Transfer:
