@@ -21,7 +21,7 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import fields_of, finest, pixels_of, tile_m
+from seqrsm.score.evidence import fields_of, finest, pixels_of, reach_pixels, tile_m
 from seqrsm.sensor.radar import GROUND_OF
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image
@@ -185,8 +185,7 @@ def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:
     field[pixel[known]] = scene.field_id[known]
     field[pixel[known & (scene.field_id != field[pixel])]] = scene.n_fields  # of several fields
     square = field.reshape(image.intensity.shape[1:])
-    # Half a resolution cell reaches so many pixels beyond its middle one; of pixels finer than cells most hold none.
-    reach = math.ceil(0.5 * max(radar.resolution_m, scene.cell_m) / radar.pixel_spacing_m - 0.5 - 1e-9)
+    reach = reach_pixels(radar, scene.cell_m)
     highest = scipy.ndimage.maximum_filter(square, 2 * reach + 1)
     lowest = scipy.ndimage.minimum_filter(np.where(square < 0, scene.n_fields, square), 2 * reach + 1)
     inside = (lowest == highest) & (highest < scene.n_fields)

@@ -22,6 +22,7 @@ from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.known_map import KnownMap, labels_of_units
+from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.units import LN10_OVER_10
@@ -86,7 +87,7 @@ class Evidence:
     covariates : int
         So many of the last features are no evidence of a class: squares of look angles.
     teaching : array (n, n_classes)
-        Cells with which a unit teaches each class.
+        Cells with which a unit teaches each class; of fine pixels those in the resolution cell.
     label : int64 array (n,) or None
         Label of each unit in a map that is there already; None without one.
     log_share : float64 array (n_labels, n_classes)
@@ -135,11 +136,13 @@ def evidence_of(
     is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
     # Those of one image are in this order already, and nobody else's.
     layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*powers, *angles]), dtype=np.float64)
-    counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts, scene.scored), None
+    counts, tile, unit = pixels.counts, pixels.tile, None
+    cells, inside = _in_resolution_cells(base, pixels, scene.cell_m)
+    teaching = _shown(base, counts, cells, scene.scored)
     seen = None if by == "field" else pixels.seen
     if by == "field":
         side = tile_m(scene, radar=isinstance(base, RadarImage))
-        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, side)
+        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, inside, scene, side)
     elif by == "segment":
         segment = _segments(images, base, pixels)
         layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
@@ -294,20 +297,51 @@ def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyAr
     return counts, field
 
 
+def reach_pixels(radar: RadarConfiguration, cell_m: float) -> int:
+    """Pixels on either side of a pixel that its resolution cell reaches, of fine ones at least a scene's cell [m]."""
+    return math.ceil(0.5 * max(radar.resolution_m, cell_m) / radar.pixel_spacing_m - 0.5 - 1e-9)
+
+
+def _in_resolution_cells(image: Image, pixels: Pixels, cell_m: float) -> tuple[AnyArray, BoolArray]:
+    """Scored cells of each class (n_pixels, n_classes) in what each pixel shows, and whether that is one field.
+
+    A resolution cell reaches beyond a pixel that is finer, into the ground beside it.
+    """
+    counts, field = pixels.counts, pixels.field
+    if not isinstance(image, RadarImage) or not image.radar.finer_pixels:
+        return counts, np.asarray(field >= 0)
+    shape, reach = image.intensity.shape[1:], reach_pixels(image.radar, cell_m)
+    half, size = 0.5 * image.radar.resolution_m / image.radar.pixel_spacing_m, 2 * reach + 1
+    covered = np.clip(half + 0.5 - np.abs(np.arange(-reach, reach + 1)), 0.0, 1.0)
+    cells = counts.reshape(*shape, -1)
+    for axis in (0, 1):
+        cells = scipy.ndimage.convolve1d(cells, np.rint(4.0 * covered), axis=axis, mode="constant")
+    cells = np.where(holds_cells(counts)[:, None], cells.reshape(counts.shape), 0)
+    several = np.iinfo(field.dtype).max
+    known = np.where(field == -2, several, field).reshape(shape)
+    highest = scipy.ndimage.maximum_filter(known, size)
+    lowest = scipy.ndimage.minimum_filter(np.where(known == -1, several, known), size)
+    return cells, np.asarray(((highest == lowest) & (highest < several)).ravel() & (field >= 0))
+
+
 def _of_fields(
-    layers: FloatArray, pixels: Pixels, scene: Scene, side_m: float
+    layers: FloatArray, pixels: Pixels, inside: BoolArray, scene: Scene, side_m: float
 ) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
     """Layers, scored cells by class, tile and teaching of each field, and the field of each cell.
 
-    A field teaches where pixels lie inside it; of a class with few such fields all do.
+    A field is what pixels show whose resolution cells lie ``inside`` (n_pixels,) it, or where there are none those that
+    do themselves, else all. It teaches by the first; of a class with few such fields all do.
     """
     unit, counts, tile = fields_of(pixels, scene, side_m)
-    inner = np.where(pixels.field >= 0, layers, np.nan)
-    found = kernels_classify.mean_of_pixels(unit, pixels.pixel, inner, len(counts))
-    whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(counts))
-    inside = np.asarray(np.isfinite(found).any(axis=0))
-    teaching = np.where(inside[:, None], counts, 0)
-    return np.where(np.isnan(found), whole, found), counts, tile, _or_all(teaching, counts), unit
+    by_pixels = [
+        kernels_classify.mean_of_pixels(unit, pixels.pixel, np.where(used, layers, np.nan), len(counts))
+        for used in (inside, pixels.field >= 0, True)
+    ]
+    found, own, whole = by_pixels
+    taught = np.asarray(np.isfinite(found).any(axis=0))
+    teaching = np.where(taught[:, None], counts, 0)
+    found = np.where(np.isnan(found), np.where(np.isnan(own), whole, own), found)
+    return found, counts, tile, _or_all(teaching, counts), unit
 
 
 def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
@@ -397,22 +431,23 @@ def _of_segments(
     return mean, counts, tile, teaching, unit
 
 
-def _shown(image: Image, counts: AnyArray, scored: BoolArray) -> AnyArray:
+def _shown(image: Image, counts: AnyArray, cells: AnyArray, scored: BoolArray) -> AnyArray:
     """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar sees little of them but shadow.
 
     Nobody takes it for an example of what stands there. Lit ground teaches however weak its echo: were it only where
-    fading or slopes lift it above the noise, a class would be taught brighter than it is.
+    fading or slopes lift it above the noise, a class would be taught brighter than it is. ``counts`` are those of the
+    pixel itself, ``cells`` of what it shows.
     """
     if not isinstance(image, RadarImage):
-        return counts
+        return cells
     hidden = np.asarray(image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
     if not hidden.any():
-        return counts
+        return cells
     dark = image.pixel_of_cell[image.shadow & scored]
     in_shadow = np.bincount(dark[dark >= 0], minlength=hidden.size)
-    teaching = counts.copy()
+    teaching = cells.copy()
     teaching[hidden & (2 * in_shadow > np.einsum("nk->n", counts))] = 0
-    return _or_all(teaching, counts)
+    return _or_all(teaching, cells)
 
 
 def _or_all(teaching: AnyArray, counts: AnyArray) -> AnyArray:

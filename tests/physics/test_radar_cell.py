@@ -7,10 +7,15 @@ import math
 import numpy as np
 import pytest
 from psm_cases import Table, radar, scene
+from scipy.stats import norm
+from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.scene.scene import Scene
+from seqrsm.score.evidence import evidence_of
 from seqrsm.simulate.radar.fading import correlated_fading
 from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.result import RadarImage
 
 
 def response(shape: str) -> np.ndarray:
@@ -60,3 +65,31 @@ def test_fine_pixels_fade_together_as_far_as_their_cells_overlap() -> None:
 def test_a_shape_needs_fine_pixels(pixel_m: float | None) -> None:
     with pytest.raises(ConfigurationError, match="pixels are too coarse"):
         radar(resolution_m=20.0, pixel_m=pixel_m, cell_shape="gaussian")
+
+
+def stripes() -> tuple[Scene, RadarImage]:
+    """Stripes of 60 m, -10 and -20 dB in turn, under cells of 20 m; pixels of 5 m, no noise, no fading."""
+    stripe = np.broadcast_to(np.arange(240) // 12, (200, 240))
+    ground = scene(np.zeros(stripe.shape), 5.0, stripe % 2, stripe)
+    r = radar(resolution_m=20.0, pixel_m=5.0, fading="none", peak_power_w=1e9, altitude_m=1e5, prf_hz=300.0)
+    return ground, simulate_radar(ground, r, Table((-10.0, -20.0)), seed=1, run_id=1)
+
+
+def test_fine_pixels_are_taught_by_ground_that_fills_their_resolution_cell() -> None:
+    """Of 12 pixels across a stripe the middle 10 teach, whose cells lie in it to 80 percent."""
+    ground, one = stripes()
+    found = percent_correct([one], ground, seed=1, run_id=1).details["per_class_percent"]
+    away = np.minimum(np.arange(12), 11 - np.arange(12)) * 5.0 + 2.5  # from the nearer border [m]
+    own = np.clip(0.5 + away / 20.0, 0.0, 1.0)
+    seen = [10.0 * np.log10(own * 10.0**a + (1.0 - own) * 10.0**b) for a, b in ((-1.0, -2.0), (-2.0, -1.0))]
+    laws = [norm(db[own > 0.8].mean(), db[own > 0.8].std()) for db in seen]
+    right = [laws[k].logpdf(seen[k]) > laws[1 - k].logpdf(seen[k]) for k in (0, 1)]
+    assert [int(r.sum()) for r in right] == [10, 12]
+    # Ten stripes of each; the first one has no neighbour on one side.
+    assert found == pytest.approx({"class 0": 100.0 * (1.0 - 19.0 / 120.0), "class 1": 100.0}, abs=0.1)
+
+
+def test_a_field_is_what_resolution_cells_inside_it_show() -> None:
+    ground, one = stripes()
+    levels = evidence_of([one], ground, by="field", seed=1, run_id=1).features[0]
+    assert np.abs(np.abs(levels + 15.0) - 5.0).max() < 0.02

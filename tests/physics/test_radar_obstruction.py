@@ -161,7 +161,7 @@ def test_a_pixel_teaches_unless_it_is_mostly_shadow_and_dark_in_all_channels():
     power[1, whole[3]] = power[0, -1] = 2.0  # noise is 1
     power, noise = power.reshape(2, *image.mean_power.shape[1:]), np.ones_like(image.noise_power_w)
     seen = replace(image, mean_power=power, noise_power_w=noise, state=lambda: shadow)
-    silent = np.flatnonzero(_shown(seen, counts, scored)[:, 0] == 0)
+    silent = np.flatnonzero(_shown(seen, counts, counts, scored)[:, 0] == 0)
     np.testing.assert_array_equal(np.intersect1d(silent, whole), whole[:2])
 
 
