@@ -333,14 +333,15 @@ def _of_fields(
     do themselves, else all. It teaches by the first; of a class with few such fields all do.
     """
     unit, counts, tile = fields_of(pixels, scene, side_m)
-    by_pixels = [
+    own = pixels.field >= 0
+    found, *others = (
         kernels_classify.mean_of_pixels(unit, pixels.pixel, np.where(used, layers, np.nan), len(counts))
-        for used in (inside, pixels.field >= 0, True)
-    ]
-    found, own, whole = by_pixels
+        for used in ((inside, True) if (inside == own).all() else (inside, own, True))
+    )
     taught = np.asarray(np.isfinite(found).any(axis=0))
     teaching = np.where(taught[:, None], counts, 0)
-    found = np.where(np.isnan(found), np.where(np.isnan(own), whole, own), found)
+    for other in others:
+        found = np.where(np.isnan(found), other, found)
     return found, counts, tile, _or_all(teaching, counts), unit
 
 
