@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from seqrsm.constants import EARTH_GM_M3_S2, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
-from seqrsm.sensor.earth import LOWEST_ORBIT_M, ground_share, range_geometry
+from seqrsm.sensor.earth import LOWEST_ORBIT_M, range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.units import db_to_linear
 
@@ -47,7 +47,7 @@ class Limit:
 def orbit_speed_m_s(altitude_m: float) -> float:
     """Ground speed [m/s] of a satellite on a circular orbit at an altitude [m], the Earth standing still."""
     orbit_m = EARTH_RADIUS_M + altitude_m
-    return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * ground_share(altitude_m, True)
+    return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * EARTH_RADIUS_M / orbit_m
 
 
 def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> float:

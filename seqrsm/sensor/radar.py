@@ -368,10 +368,14 @@ class RadarConfiguration:
         Eq. (3-8) with the chosen cell in place of the finest: N_a = resolution/(L/2) along the track, the same for both
         apertures (a real aperture with resolution = R lambda/L gives N_a = 2 R lambda/L**2, eq. 3-9), and N_r =
         resolution/(c/(2 B sin(theta))) across. N_r is never below 1: where the range response is wider than the cell,
-        a pixel still holds one sample. A plan-position
-        indicator hovers over one point: its beam gives one sample, whatever the pulses.
+        a pixel still holds one sample. Rows of equal slant range are cells that hold as many everywhere as at the
+        centre, unless their pixels are finer than the cell. A plan-position indicator hovers over one point: its beam
+        gives one sample, whatever the pulses.
         """
-        across: _Real = np.maximum(self.resolution_m / self.ground_resolution_m(incidence_rad), 1.0)
+        at = incidence_rad
+        if self.range_format == "slant" and not self.finer_pixels:
+            at = self.centre_incidence_rad + 0.0 * incidence_rad
+        across: _Real = np.maximum(self.resolution_m / self.ground_resolution_m(at), 1.0)
         return across if self.scan == "ppi" else self.resolution_m / self.sample_m * across
 
     def looks_used(self, incidence_rad: FloatArray) -> FloatArray:

@@ -438,6 +438,23 @@ def test_fine_pixels_fade_together(looks):
     assert abs(np.mean(d[:, 5:] * d[:, :-5])) < 0.05
 
 
+def test_a_pixel_of_equal_slant_range_holds_the_same_samples_everywhere():
+    r = radar(range_format="slant", bandwidth_mhz=60.0, resolution_m=30.0)
+    looks = quiet(scene(np.zeros((400, 40)), 10.0), r).looks
+    slant = r.range_spacing_m / (299_792_458.0 / (2 * 60e6))
+    np.testing.assert_allclose(looks, 30.0 / 1.0 * slant, rtol=1e-9)  # an antenna of 2 m: a sample each metre
+
+
+@pytest.mark.parametrize("range_format", ["ground", "slant"])
+def test_fine_pixels_fade_together_as_far_as_their_cells_overlap_on_the_ground(range_format):
+    r = radar(range_format=range_format, resolution_m=20.0, pixel_m=5.0, depression_angle_deg=60.0, altitude_m=50e3)
+    image = quiet(scene(np.zeros((400, 400)), 5.0), replace(r, prf_hz=300.0, peak_power_w=1e9))
+    x = (image.intensity[0] / image.mean_power[0]).astype(float)[20:-20, 20:-20] - 1.0
+    for lag in (1, 2, 3):
+        of_range, of_azimuth = np.mean(x[lag:] * x[:-lag]) / x.var(), np.mean(x[:, lag:] * x[:, :-lag]) / x.var()
+        assert (of_range, of_azimuth) == pytest.approx((1.0 - lag / 4.0,) * 2, abs=0.05)
+
+
 def test_an_image_of_fine_pixels():
     s = scene(np.zeros((120, 120)), 5.0)
     r = radar(resolution_m=30.0, pixel_m=10.0)

@@ -295,8 +295,8 @@ def _faded_alone(
     """Power with noise and fading of layers that have nothing to do with each other."""
     numbers = np.array([LAYERS.index(layer) for layer in layers])
     if radar.finer_pixels:
-        cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
-        factor = correlated_fading(mean.shape, looks, numbers, key, cell, radar.cell_shape)
+        pixels = radar.resolution_m / radar.pixel_spacing_m  # of equal slant range those at the centre
+        factor = correlated_fading(mean.shape, looks, numbers, key, (pixels, pixels), radar.cell_shape)
         return np.asarray((mean + noise[None, :, None]) * factor, dtype=mean.dtype)
     out = np.empty_like(mean)
 
