@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -344,6 +345,10 @@ def test_more_pulses_than_are_needed_average_the_error_of_a_converter():
     def added(**more):
         one, plain = (quiet(s, radar(adc_bits=bits, adc_range_db=8.0, **given, **more)) for bits in (2, 0))
         gain = one.apparent_sigma0() - plain.apparent_sigma0()
+        (note,) = [note for note in one.notes if "2-bit converter" in note]
+        shown = [float(number) for number in re.findall(r"(-[\d.]+) dB in H[HV]", note)]
+        assert shown == pytest.approx(10.0 * np.log10(gain.mean(axis=(1, 2))), abs=0.06)
+        assert not [note for note in plain.notes if "converter" in note]
         return gain.mean(axis=(1, 2)), plain.apparent_sigma0().mean(axis=(1, 2))
 
     (once, level), (four, _) = added(prf_hz=150.0), added(prf_hz=600.0)

@@ -366,7 +366,7 @@ def _converter_notes(radar: RadarConfiguration, rounded: FloatArray) -> list[str
     told = ", ".join(
         f"{level:.1f} dB in {name}" for name, level in zip(radar.recorded, linear_to_db(rounded), strict=False)
     )
-    return [f"the error of a converter of {radar.adc_bits} bits stands for a sigma0 of {told}"] if told else []
+    return [f"the error of a {radar.adc_bits}-bit converter stands for a sigma0 of {told}"] if told else []
 
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:
