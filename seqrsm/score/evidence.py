@@ -206,8 +206,9 @@ def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
 def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
     """Pixels of an image, the ground in them, and the tiles that they belong to.
 
-    A pixel belongs to the tile of its centre, or inside a field to the tile of the field's first pixel: no field is
-    taught in one half and tested in the other. A field larger than a tile is divided by the tiles.
+    A pixel belongs to the tile of the first pixel of the field that most of it lies in: no field is taught in one half
+    and tested in the other but by the ends of its border pixels. A field larger than a tile is divided by the tiles of
+    its pixels' centres.
     """
     side = tile_m(scene, radar=isinstance(image, RadarImage))
     kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
@@ -246,20 +247,20 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
         across = (np.clip(away, -half, half) + half)[:, None]
         along = np.asarray((np.arange(n_columns) + 0.5) * scan.advance_m, dtype=np.float64)
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
-    counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
+    counts, field, main = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, n_tiles = tiles(across, along, extent, side)
-    _keep_fields_whole(field, _is_small(scene, side), tile)
+    _keep_fields_whole(main, _is_small(scene, side), tile)
     seen = np.bincount(tile[field != -1], minlength=n_tiles) > 0
     return Pixels(pixel, counts, field, tile, seen, np.zeros(n_tiles))
 
 
 def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:
-    """Give all pixels inside a field the tile of the first of them.
+    """Give all pixels of a field the tile of the first of them.
 
     Parameters
     ----------
     field : int32 array (n_pixels,)
-        Below 0 for a pixel that lies in no single one.
+        Below 0 for a pixel of none.
     small : bool array (n_fields,)
         Fields that are kept whole.
     tile : int64 array (n_pixels,)
@@ -288,13 +289,17 @@ def _is_small(scene: Scene, side_m: float) -> AnyArray:
     return np.asarray(cells * scene.cell_m**2 <= side_m**2)
 
 
-def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyArray, AnyArray]:
-    """``counts`` and ``field`` of `Pixels`, from the pixel of each cell of the scene, -1 for none."""
+def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """``counts`` and ``field`` of `Pixels`, from the pixel of each cell of the scene, -1 for none; and the main field.
+
+    That of more than half of a pixel's scored cells, -1 where it has none; one of them where no field has as many.
+    """
     # Made here and not in the kernel: numpy asks for large pages, which a large image fills far sooner.
     counts = np.zeros((n_pixels, len(scene.categories)), dtype=np.int32)
-    field = np.full(n_pixels, -1, dtype=np.int32)
-    kernels_classify.add_cells(pixel, scene.cover, scene.scored, scene.field_id, counts, field)
-    return counts, field
+    field, main = np.full((2, n_pixels), -1, dtype=np.int32)
+    votes = np.zeros(n_pixels, dtype=np.int32)
+    kernels_classify.add_cells(pixel, scene.cover, scene.scored, scene.field_id, counts, field, main, votes)
+    return counts, field, main
 
 
 def reach_pixels(radar: RadarConfiguration, cell_m: float) -> int:

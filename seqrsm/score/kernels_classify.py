@@ -12,9 +12,18 @@ _BLOCK = 384
 
 @kernel
 def add_cells(
-    pixel: AnyArray, cover: AnyArray, scored: AnyArray, field_id: AnyArray, out: AnyArray, field: AnyArray
+    pixel: AnyArray,
+    cover: AnyArray,
+    scored: AnyArray,
+    field_id: AnyArray,
+    out: AnyArray,
+    field: AnyArray,
+    main: AnyArray,
+    votes: AnyArray,
 ) -> None:
     """Count the scored data-base cells of each class in each pixel, and tell which field they belong to.
+
+    The main field of a pixel is found in one pass (Boyer and Moore 1991, MJRTY: a fast majority vote algorithm).
 
     Parameters
     ----------
@@ -28,6 +37,8 @@ def add_cells(
         Added to.
     field : int32 array (n_pixels,)
         Given as -1; -2 where cells of several fields lie in a pixel.
+    main, votes : int32 array (n_pixels,)
+        Given as -1 and 0: the field of more than half of the cells of a pixel; where there is none, one of its fields.
     """
     rows, columns = pixel.shape
     n_classes = out.shape[1]
@@ -43,6 +54,9 @@ def add_cells(
                         own = field_id[i, j]
                         if field[k] != own:
                             field[k] = own if field[k] == -1 else np.int32(-2)
+                        if votes[k] == 0:
+                            main[k] = own
+                        votes[k] += np.int32(1) if main[k] == own else np.int32(-1)
 
 
 @kernel

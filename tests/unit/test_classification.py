@@ -161,12 +161,30 @@ def test_counts_leave_out_what_is_not_scored_not_known_or_not_seen():
     scored = np.array([[True, True, True], [True, True, False]])
     field = np.array([[4, 4, 5], [6, 6, 5]], dtype=np.int32)
     scene = SimpleNamespace(cover=cover, scored=scored, field_id=field, categories=("a", "b"))
-    counts, of_pixel = cells_in_pixels(pixel, scene, 4)
+    counts, of_pixel, main = cells_in_pixels(pixel, scene, 4)
     np.testing.assert_array_equal(counts, [[1, 1], [0, 1], [0, 0], [0, 0]])
     np.testing.assert_array_equal(of_pixel, [4, 5, -1, -1])
     # Cells of two fields in a pixel, though of one class.
     field[0, 1] = 7
     assert cells_in_pixels(pixel, scene, 2)[1].tolist() == [-2, 5]
+    assert main.tolist() == [4, 5, -1, -1]
+
+
+def test_the_main_field_of_a_pixel_is_that_of_more_than_half_of_its_cells():
+    rng = np.random.default_rng(8)
+    pixel = rng.integers(-1, 400, (80, 90)).astype(np.int32)
+    field = np.where(rng.random((80, 90)) < 0.55, pixel % 7, rng.integers(0, 7, (80, 90))).astype(np.int32)
+    cover, scored = np.zeros((80, 90), dtype=np.uint8), rng.random((80, 90)) < 0.9
+    scene = SimpleNamespace(cover=cover, scored=scored, field_id=field, categories=("a",))
+    _, _, main = cells_in_pixels(pixel, scene, 400)
+    told = 0
+    for k in range(400):
+        count = np.bincount(field[(pixel == k) & scored], minlength=7)
+        assert count[main[k]] > 0
+        if 2 * count.max() > count.sum():
+            assert main[k] == np.argmax(count)
+            told += 1
+    assert 200 < told < 400
 
 
 def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):

@@ -122,6 +122,16 @@ def test_no_field_is_both_taught_and_tested() -> None:
     inside = pixels.field >= 0
     for field in np.unique(pixels.field[inside]):
         assert len(np.unique(pixels.tile[pixels.field == field])) == 1
+    # Nor are the pixels that lie in it for the most part: at 23 m one of four lies in several fields.
+    with tiles_of(130.0):
+        pixels = pixels_of(image(SCENE, 23.0), SCENE, **KEY)
+    cells = np.zeros((len(pixels.field), SCENE.n_fields), dtype=int)
+    seen = pixels.pixel >= 0
+    np.add.at(cells, (pixels.pixel[seen], SCENE.field_id[seen]), 1)
+    most = 2 * cells.max(axis=1) > cells.sum(axis=1)
+    assert np.count_nonzero(most & (pixels.field == -2)) > 600
+    for field in range(SCENE.n_fields):
+        assert len(np.unique(pixels.tile[most & (np.argmax(cells, axis=1) == field)])) <= 1
     # A field larger than a tile is ground of many tiles.
     one = replace(SCENE, cover=np.zeros_like(SCENE.cover), field_id=np.zeros_like(SCENE.field_id))
     with tiles_of(130.0):
