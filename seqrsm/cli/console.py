@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import functools
+import io
 import itertools
 import json
 import math
@@ -15,6 +16,7 @@ import textwrap
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -71,9 +73,29 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
+_page: ContextVar[io.StringIO | None] = ContextVar("_page", default=None)
+"""Takes what this thread would write to stdout."""
+_PAGE_COLUMNS = 100
+
+
+def on_page(show: Callable[[], None]) -> str:
+    """What this writes to stdout, as a text; what other threads write meanwhile goes where it went."""
+    page = io.StringIO()
+    token = _page.set(page)
+    try:
+        show()
+    finally:
+        _page.reset(token)
+    return page.getvalue().strip("\n")
+
+
 def stdout() -> Console:
     """Console for results; plain text when piped, no colour with NO_COLOR."""
-    return Console(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty())
+    return Console(file=_page.get(), highlight=False, emoji=False, soft_wrap=not _on_terminal())
+
+
+def _on_terminal() -> bool:
+    return _page.get() is None and sys.stdout.isatty()
 
 
 def stderr() -> Console:
@@ -211,8 +233,8 @@ def _bound(text: str) -> str:
 
 def width() -> int | None:
     """Columns to keep to: those of the terminal or page; in a pipe those of COLUMNS, none without it."""
-    if columns := getattr(sys.stdout, "columns", 0):
-        return int(columns)
+    if _page.get() is not None:
+        return _PAGE_COLUMNS
     if sys.stdout.isatty():
         return max(stdout().width, 20)
     asked = os.environ.get("COLUMNS", "")
@@ -277,7 +299,7 @@ def show_table(
         if columns:
             for text in _row_lines(laid.head, laid, keep):
                 stdout().print(text, markup=False, style="bold")
-            if sys.stdout.isatty():
+            if _on_terminal():
                 stdout().print("\u2500" * (sum(laid.widths) + laid.gap * (len(shown) - 1)))
         for row in laid.cells:
             for text in _row_lines(row, laid, keep):

@@ -6,10 +6,8 @@ libraries to one thread while they run.
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from functools import cached_property, wraps
 from numbers import Integral
@@ -50,12 +48,6 @@ def _one_thread(method: Callable[_P, _T]) -> Callable[_P, _T]:
     return alone
 
 
-class _Page(io.StringIO):
-    """Takes what a command would print, in lines of so many columns."""
-
-    columns = 100
-
-
 class Shown:
     """A result that displays itself in a terminal and in a notebook."""
 
@@ -64,10 +56,9 @@ class Shown:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        page = _Page()
-        with redirect_stdout(page):
-            self.show()
-        return page.getvalue().strip("\n")
+        from seqrsm.cli.console import on_page
+
+        return on_page(self.show)
 
 
 class Sections(Shown):
@@ -210,6 +201,10 @@ class Campaign:
 
     def __repr__(self) -> str:
         return f"seqrsm.Campaign({str(self.folder)!r}): {len(self.opened.store.runs('scored'))} scored runs"
+
+    def __reduce__(self) -> tuple[type[Campaign], tuple[Path]]:
+        """Another process opens the folder for itself."""
+        return type(self), (self._opened.folder,)
 
     def close(self) -> None:
         """Close the database, which the next use of the campaign opens again."""

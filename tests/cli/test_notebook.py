@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ast
 import builtins
+import io
 import json
+import multiprocessing
 import re
 import shutil
 import subprocess
 import sys
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +25,8 @@ from typer.testing import CliRunner
 
 import seqrsm
 from seqrsm.cli.app import app
+from seqrsm.cli.console import line
+from seqrsm.cli.notebook import Shown
 from seqrsm.errors import SpecError, UserError
 from seqrsm.plain import plain
 
@@ -166,6 +173,42 @@ def test_matrix_libraries_keep_to_one_thread_while_it_computes(
             getattr(c, method)()
         assert told.value.args == ({1},)
         assert threads() == {2}
+
+
+def test_threads_show_their_results_apart_and_leave_stdout_as_it_was() -> None:
+    """Each put its page in place of stdout for all; the last to end left one there: a notebook printed no more."""
+    begun, ended = [threading.Event(), threading.Event()], [threading.Event(), threading.Event()]
+
+    class Slow(Shown):
+        def __init__(self, number: int) -> None:
+            self.number = number
+
+        def show(self) -> None:
+            line(f"begun {self.number}")
+            begun[self.number].set()
+            assert ended[self.number].wait(20)
+            line(f"ended {self.number}")
+
+    text = io.StringIO()
+    with ThreadPoolExecutor(2) as pool, redirect_stdout(text):
+        told = []
+        for number in (0, 1):
+            told.append(pool.submit(repr, Slow(number)))
+            assert begun[number].wait(20)
+        print("meanwhile")
+        for number in (0, 1):
+            ended[number].set()
+        assert [one.result() for one in told] == ["begun 0\nended 0", "begun 1\nended 1"]
+        assert sys.stdout is text
+    assert text.getvalue() == "meanwhile\n"
+
+
+def test_an_open_campaign_goes_to_another_process(tmp_path: Path) -> None:
+    """It ended in 'Can't pickle local object' of a library."""
+    c = seqrsm.Campaign.create(tmp_path / "mine", factors={"x": (0, 9)}, half_width=1)
+    plan = c.propose()
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(seqrsm.Campaign.form, c).result().equals(plan)
 
 
 def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> None:
