@@ -24,6 +24,7 @@ from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.plain import counted
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
+from seqrsm.score.table import IN_MEMORY
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RankingSummary, RunRecord
@@ -197,7 +198,8 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
         "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "emcee")),
     }
     for file in store.files():
-        found[f"scores file {file.name}"] = f"{counted(file.row_count, 'row')}, SHA-256 {file.sha256}"
+        text, before = f"{counted(file.row_count, 'row')}, SHA-256 {file.sha256}", found.get(f"scores file {file.name}")
+        found[f"scores file {file.name}"] = text if before is None else f"{before}; {text}"
     if scene is not None:
         told = {"scene": scene.name, "scene, licence": scene.licence, "scene, provenance": scene.provenance}
         found |= {name: text for name, text in told.items() if text}
@@ -214,8 +216,10 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
     for event in campaign.store.events():
         run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
         if event.kind == "ingested":
-            file = event.detail["name"]
-            steps.append(f"ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}")
+            file, rows = event.detail["name"], counted(event.detail["row_count"], "row")
+            read = f"ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}"
+            in_python = f"seqrsm.Campaign({name!r}).ingest(table)  # in Python: a {IN_MEMORY} of {rows}"
+            steps.append(in_python if file == IN_MEMORY else read)
         elif event.kind in ("void", "void ranking"):
             what = event.run_id or f"--ranking {event.detail['ranking']}"
             steps.append(f"void {name} {what} --why {why}")
@@ -227,5 +231,6 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
             steps += made if steps[-1:] != made else []
     fit = [f"fit {name}"] if steps != [run_it] else []
     return tuple(
-        f"seqrsm {step}" for step in (*steps, *fit, *(f"{command} {name}" for command in more), f"report {name}")
+        step if step.startswith("seqrsm.") else f"seqrsm {step}"
+        for step in (*steps, *fit, *(f"{command} {name}" for command in more), f"report {name}")
     )

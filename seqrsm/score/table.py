@@ -26,6 +26,9 @@ TableSource: TypeAlias = "Path | str | DataFrame | TableText"
 #: The largest file that is read [bytes]; a campaign's scores are some kilobytes.
 MAX_BYTES = 10_000_000
 
+#: Name of a table that comes from memory.
+IN_MEMORY = "DataFrame"
+
 _NEEDS = {".xlsx": ("openpyxl", "excel"), ".parquet": ("pyarrow", "parquet")}
 """Of the kinds of files that are no text: the library that reads them, and our extra that brings it."""
 
@@ -57,7 +60,7 @@ def table_text(source: TableSource) -> TableText:
             remedy = "Give a pandas DataFrame, or the name of a file."
             raise ScoresFileError("this is no table", remedy, value=type(source).__name__)
         data = _csv_of(_rows_of(source))
-        return TableText("DataFrame", hashlib.sha256(data).hexdigest(), data)
+        return TableText(IN_MEMORY, hashlib.sha256(data).hexdigest(), data)
     path = Path(source)
     raw = _read_bytes(path)
     kind = path.suffix.lower()

@@ -24,6 +24,7 @@ from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
 import seqrsm
+from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.cli.console import line
 from seqrsm.cli.notebook import Shown
@@ -209,6 +210,23 @@ def test_an_open_campaign_goes_to_another_process(tmp_path: Path) -> None:
     plan = c.propose()
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(seqrsm.Campaign.form, c).result().equals(plan)
+
+
+def test_a_report_names_every_table_of_one_name_and_how_one_in_memory_was_ingested(tmp_path: Path) -> None:
+    """Of three only the last was told, with its hash, and a command that read a file named DataFrame."""
+    c = seqrsm.Campaign.create(tmp_path / "mine", factors={"x": (0, 9)}, half_width=1)
+    texts = []
+    for _ in range(2):
+        plan = c.propose()
+        texts.append(plan.assign(score=10 - (plan["x"] - 4) ** 2 + np.sin(9 * plan["run_id"])))
+        c.ingest(texts[-1])
+    shown = assemble(c.opened)
+    hashes = [file.sha256 for file in c.opened.store.files()]
+    assert [key for key in shown.provenance if "file" in key] == ["scores file DataFrame"]
+    told = shown.provenance["scores file DataFrame"]
+    assert told == f"{len(texts[0])} rows, SHA-256 {hashes[0]}; {len(texts[1])} rows, SHA-256 {hashes[1]}"
+    in_python = "seqrsm.Campaign('mine').ingest(table)  # in Python: a DataFrame of {} rows"
+    assert [step for step in shown.reproduce if "ingest" in step] == [in_python.format(len(one)) for one in texts]
 
 
 def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> None:

@@ -31,6 +31,20 @@ def test_one_more_run_is_named_and_not_counted(simulated, monkeypatch):
         assert f"{end}." in str(diagnostics_section(analysis, "x"))
 
 
+def test_a_run_fitted_exactly_is_not_counted_where_its_influence_is_undefined(simulated, monkeypatch):
+    """Of eleven runs "with Cook's distance above 4/n" nine had leverage 1 and no Cook's distance."""
+    analysis = simulated.analyses[0]
+    fit = dataclasses.replace(analysis.fit, leverage_one_runs=(0, 2))
+    exact = dataclasses.replace(analysis, fitted=dataclasses.replace(analysis.fitted, fit=fit))
+    found = [SimpleNamespace(run=i, reasons=()) for i in range(4)]
+    monkeypatch.setattr(model, "influential_runs", lambda fit: found)
+    text = str(diagnostics_section(exact, "x"))
+    assert "runs 1 and 3 (leverage 1)" in text
+    assert "2 further runs with" in text
+    monkeypatch.setattr(model, "influential_runs", lambda fit: [found[0], found[2]])
+    assert "Cook's distance above" not in str(diagnostics_section(exact, "x"))
+
+
 def test_pictures_and_settings_are_also_of_the_compromise(flight, simulated):
     """The report recommends it: it showed the first application's optimum and said "the optimum"."""
     both = two_uses(flight)

@@ -372,13 +372,14 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     outside = extrapolated(fit, analysis.model.matrix(analysis.optimum.point[None, :]))[0]
     far = "an extrapolation: their leverage exceeds every run's" if outside else "not an extrapolation"
     found.append(f"The recommended settings are {far}.")
-    influential = influential_runs(fit)
+    influential = [one for one in influential_runs(fit) if one.run not in fit.leverage_one_runs]
     if influential:
         shown = influential if len(influential) == MAX_NAMED + 1 else influential[:MAX_NAMED]  # not "and 1 more"
         named = [str(int(ids[run.run])) for run in shown]
+        what = "further run" if fit.leverage_one_runs else "run"
         more, high = len(influential) - len(named), 2.0 * fit.n_terms / fit.n_runs
         found.append(
-            f"{counted(len(influential), 'run')} with {f'leverage above 2p/n = {high:.2f}, ' if high < 1.0 else ''}"
+            f"{counted(len(influential), what)} with {f'leverage above 2p/n = {high:.2f}, ' if high < 1.0 else ''}"
             f"Cook's distance above 4/n = {4.0 / fit.n_runs:.2g} or an outlying residual: "
             f"{listing([*named, f'{more} more'] if more else named)}."
         )
