@@ -199,7 +199,7 @@ def find_utility(name: str) -> Callable[..., Any]:
     """
     try:
         return own_function(name)
-    except Exception as error:  # the user's module may do anything
+    except (Exception, SystemExit) as error:  # the user's module may do anything
         text = f"the utility cannot be imported: {_words(error)}"
         remedy = "Put its module beside campaign.toml, or install its package."
         raise SpecError(text, remedy, field=_FIELD, value=name) from error
@@ -218,10 +218,12 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         found = function(image, scene, seed=seed, run_id=run_id)
     except UserError:
         raise
-    except Exception as error:  # the user's function may do anything
-        place = traceback.extract_tb(error.__traceback__)[-1]
+    except (Exception, SystemExit) as error:  # the user's function may do anything
+        _, *places = traceback.extract_tb(error.__traceback__)
         text = f"the utility failed: {_words(error)}"
-        remedy = f"See line {place.lineno} of {place.filename}."
+        remedy = "Let it take (image, scene, *, seed, run_id)."
+        if places:
+            remedy = f"See line {places[-1].lineno} of {places[-1].filename}."
         raise SpecError(text, remedy, field=_FIELD, value=name) from error
     if isinstance(found, int | float | np.number) and not isinstance(found, bool):
         found = UtilityScore(float(found))
@@ -235,5 +237,5 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
     return found
 
 
-def _words(error: Exception) -> str:
+def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

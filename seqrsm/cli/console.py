@@ -15,9 +15,9 @@ import sys
 import textwrap
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from contextvars import ContextVar
-from typing import Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar
+from typing import Annotated, Any, NamedTuple, NoReturn, ParamSpec, TextIO, TypeVar
 
 import typer
 from rich.console import Console
@@ -65,6 +65,9 @@ _said: list[str] = []
 """What the running command has written to stdout: no empty line goes before the first."""
 
 _to_do: list[Callable[[], None]] = []
+
+_documents: list[TextIO] = []
+"""The stdout of a command that prints a document."""
 
 _shown: list[Console] = []
 """The console of the bar that is shown."""
@@ -129,7 +132,7 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
         _said.clear()
         swallowed: list[threading.Timer] = []
         try:
-            with _heeding_interrupts(swallowed):
+            with _heeding_interrupts(swallowed), _apart(bool(kwargs.get("as_json"))):
                 return command(*args, **kwargs)
         except UserError as error:
             fail("\n".join(f"error: {problem}" for problem in error.problems), EXIT_USER_ERROR)
@@ -211,10 +214,25 @@ def at_end(call: Callable[[], None]) -> None:
     _to_do.append(call)
 
 
+@contextmanager
+def _apart(as_json: bool) -> Iterator[None]:
+    """Where a command prints a document, what else goes to stdout, such as from the user's own code, goes to stderr."""
+    if not as_json:
+        yield
+        return
+    _documents.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _documents.pop()
+
+
 def print_json(document: Any) -> None:
     """One JSON document on stdout and nothing else; in ASCII where the encoding is not UTF-8."""
-    escaped = (sys.stdout.encoding or "").casefold().replace("-", "") != "utf8"
-    sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=escaped, allow_nan=False) + "\n")
+    stream = _documents[-1] if _documents else sys.stdout
+    escaped = (stream.encoding or "").casefold().replace("-", "") != "utf8"
+    stream.write(json.dumps(plain(document), indent=2, ensure_ascii=escaped, allow_nan=False) + "\n")
 
 
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2003": "  "})

@@ -89,6 +89,7 @@ def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -
         ("return 'good'", "the utility returned str"),
         ("return float('nan')", "the utility returned nan"),
         ("return = 3", "SyntaxError"),
+        ("raise SystemExit", "the utility failed: SystemExit"),  # it ended the command, with exit code 0
     ],
 )
 def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
@@ -96,6 +97,29 @@ def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
     assert words in call("check", folder, code=2)
     assert "mine.py" in call("run", folder, code=2)
     assert not (folder / "campaign.db").exists() or json.loads(call("status", folder, "--json"))["runs"] == {}
+
+
+def test_a_module_that_ends_the_program_when_it_is_imported_is_told(own) -> None:
+    folder = own("return 1.0")
+    (folder / "mine.py").write_text("raise SystemExit(0)\n", encoding="utf-8")
+    assert "the utility cannot be imported: SystemExit: 0" in call("run", folder, code=2)
+
+
+def test_a_utility_of_other_arguments_is_told_which_it_takes(own) -> None:
+    """It was told to see a line of ours."""
+    folder = own("return 1.0")
+    (folder / "mine.py").write_text("def score(image, scene):\n    return 1.0\n", encoding="utf-8")
+    told = call("run", folder, code=2)
+    assert "score() got an unexpected keyword argument 'seed'" in told
+    assert "Let it take (image, scene, *, seed, run_id)." in told
+
+
+def test_what_a_utility_prints_is_no_part_of_the_document(own) -> None:
+    """``--json`` prints one document on stdout and nothing else: a print left in a utility stood before it."""
+    folder = own("print('so far'); return 50.0 + run_id % 7")
+    done = CliRunner().invoke(app, ["run", str(folder), "--max-runs", "12", "--json"])
+    assert json.loads(done.stdout)["n_scored"] == 12
+    assert "so far" in done.stderr
 
 
 def test_a_utility_that_is_not_there(own) -> None:

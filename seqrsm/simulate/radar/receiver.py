@@ -94,7 +94,7 @@ def named_function(field: str, name: str) -> Transfer:
     """
     try:
         function: Transfer = own_function(name)
-    except Exception as error:  # the user's module may do anything
+    except (Exception, SystemExit) as error:  # the user's module may do anything
         text = f"the function cannot be imported: {type(error).__name__}: {error}"
         remedy = "Put its module beside campaign.toml, or install its package"
         raise ConfigurationError(text, remedy, field=field, value=name) from error
@@ -102,7 +102,7 @@ def named_function(field: str, name: str) -> Transfer:
     def stage(power: FloatArray) -> FloatArray:
         try:
             out = np.asarray(function(power.copy()), dtype=np.float64)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             text = f"the function failed: {type(error).__name__}: {error}"
             raise ConfigurationError(text, "Fix it", field=field, value=name) from error
         if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
