@@ -224,7 +224,7 @@ def run(
     Simulates, fits, decides and proposes until the stop rule is met or the budget is spent. After an interruption the
     same command continues.
     """
-    from seqrsm.cli.show_fit import show_look, show_outcome
+    from seqrsm.cli.show_fit import show_look
 
     campaign = _opened(folder, accept=accept)
     with display("reading") as shown:
@@ -239,7 +239,7 @@ def run(
                 say(text)
             shown.step(text)
 
-        outcome = campaign.run(
+        ended = campaign.run(
             max_runs=max_runs,
             batch=batch,
             workers=workers,
@@ -248,8 +248,8 @@ def run(
             on_look=on_look,
             say=on_step,
         )
-    print_json(outcome.to_json()) if as_json else show_outcome(campaign.opened, outcome)
-    if not outcome.held:
+    print_json(ended.to_json()) if as_json else ended.show()
+    if not ended.outcome.held:
         raise typer.Exit(EXIT_BUDGET_SPENT)
 
 

@@ -316,13 +316,13 @@ class Campaign:
         self.carry_out(workers=workers)
 
     @_one_thread
-    def run(self, **options: Any) -> Outcome:
+    def run(self, **options: Any) -> Ran:
         """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""
         from seqrsm.campaign.loop import run_campaign
 
         whole = {name: value for name in ("max_runs", "batch", "workers") if (value := options.get(name)) is not None}
         _see_whole(1, **whole)
-        return run_campaign(self.opened, **options)
+        return Ran(self.opened, run_campaign(self.opened, **options))
 
     # -- looking --------------------------------------------------------------------------------------------------
 
@@ -493,6 +493,24 @@ class Status(Shown):
         from seqrsm.cli.show_fit import show_status
 
         show_status(self.spec, self.result)
+
+
+@dataclass(repr=False, eq=False)
+class Ran(Shown):
+    """How a call of `Campaign.run` ended: ``outcome``."""
+
+    campaign: Opened
+    outcome: Outcome
+
+    def show(self) -> None:
+        """Print it as ``seqrsm run`` does."""
+        from seqrsm.cli.show_fit import show_outcome
+
+        show_outcome(self.campaign, self.outcome)
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``seqrsm run --json``."""
+        return self.outcome.to_json()
 
 
 class Candidates(Sections):

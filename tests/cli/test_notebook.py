@@ -45,6 +45,12 @@ def ok(*args: object) -> str:
     return done.stdout
 
 
+def ok_or_spent(*args: object) -> str:
+    done = CliRunner().invoke(app, [str(arg) for arg in args])
+    assert done.exit_code in (0, 3), done.output
+    return done.stdout
+
+
 def measured(plan: pd.DataFrame) -> np.ndarray:
     """A score with a peak inside, and scatter that follows from the run's id."""
     noise = [np.random.default_rng(int(run)).normal() for run in plan["run_id"]]
@@ -202,6 +208,19 @@ def test_threads_show_their_results_apart_and_leave_stdout_as_it_was() -> None:
         assert [one.result() for one in told] == ["begun 0\nended 0", "begun 1\nended 1"]
         assert sys.stdout is text
     assert text.getvalue() == "meanwhile\n"
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_the_end_of_a_run_shows_what_the_command_prints(tiny: Path) -> None:
+    """As the last line of a cell it displayed a thousand lines of arrays."""
+    ended = seqrsm.Campaign(tiny).run(max_runs=12)
+    printed = CliRunner().invoke(app, ["run", str(tiny), "--max-runs", "12"], env={"COLUMNS": "100"}).stdout
+    shown, told = (text.split("in total; time:")[0] for text in (repr(ended), printed))
+    assert shown == told
+    assert "Summary\nQuestion: which" in shown
+    document = json.loads(ok_or_spent("run", tiny, "--max-runs", 12, "--json"))
+    assert {**plain(ended.to_json()), "seconds": 0} == {**document, "seconds": 0}
+    assert ended.outcome.held is document["held"]
 
 
 def test_an_open_campaign_goes_to_another_process(tmp_path: Path) -> None:
