@@ -407,6 +407,10 @@ def level_phrase(analysis: Analysis) -> str:
     return level_text(analysis.optimum.level)
 
 
+CUT = "before the interval is cut at the bounds of the score"
+"""Which half-width is told where the ends of an interval are less than two of it apart."""
+
+
 def watched_interval(stop: StopSpec, one_ground: bool = False) -> str:
     """Return the interval that the stop rule uses, in words, see `interval_names`."""
     return interval_names(stop.replicates, one_ground)[stop.interval]

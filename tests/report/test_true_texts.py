@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from types import SimpleNamespace
 
 from report_dossiers import two_uses
@@ -71,6 +72,25 @@ def test_what_the_settings_of_each_application_rest_on_stands_with_them_alone(fl
     rests = {one.application: {"measured": 0.4, "assumed": 0.6} for one in both.analyses}
     assert "Table values" not in str(summary_section(both.spec, both.analyses, both.compromise, both.runs, rests))
     assert "Table values" in str(summary_section(flight.spec, flight.analyses, None, flight.runs, rests))
+
+
+def test_a_half_width_of_which_bounds_of_the_score_cut_a_part_is_told_as_such(simulated):
+    """79.1 to 100.0 percent stood beside a half-width of 16 percent."""
+    told = "before the interval is cut at the bounds of the score"
+    analysis, stop = simulated.analyses[0], simulated.spec.stop
+
+    def shown(one) -> str:
+        spec = dataclasses.replace(simulated.spec, stop=stop)
+        return f"{optimum_section(one, 'x', stop)} {summary_section(spec, [one], None, simulated.runs)}"
+
+    best = analysis.optimum
+    ends = {name: getattr(best, name) for name in ("confidence", "prediction", "prediction_mean", "whole", "by_chance")}
+    whole = {name: dataclasses.replace(one, cut_from=math.nan) for name, one in ends.items()}
+    cut = {name: one.within(-math.inf, best.mean) for name, one in whole.items()}
+    assert cut["prediction"].half_width == whole["prediction"].half_width
+    for intervals, times in ((whole, 0), (cut, 2)):
+        found = dataclasses.replace(analysis, optimum=dataclasses.replace(best, **intervals))
+        assert shown(found).count(told) == times
 
 
 def test_one_value_of_a_factor_is_no_range(simulated):

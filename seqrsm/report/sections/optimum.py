@@ -63,6 +63,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.wording import (
+    CUT,
     decimal_cell,
     effects_text,
     fitted_unit,
@@ -141,10 +142,9 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
 
 def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     """Return the intervals at the optimum, the surface around it, and where its settings may lie."""
-    rows = (
-        (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
-        for name, interval in intervals_at(analysis, stop)
-    )
+    found = intervals_at(analysis, stop)
+    rows = ((name, interval_text(analysis, one), half_width_text(analysis, one.half_width)) for name, one in found)
+    cut = next((f"; half-width: {CUT}" for _, one in found if math.isfinite(one.cut_from)), "")
     columns = ("Interval", right("Low to high"), right("Half-width"))
     blocks: list[Block] = []
     floor = analysis.decision.noise_floor
@@ -155,7 +155,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
             cause = "Scatter of runs and of blocks gives"
         text = f"{cause} the {watched_interval(stop, counted)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
-    blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
+    blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings{cut}", columns, rows))
     blocks += _gap(analysis)
     blocks += _steps(analysis)
     blocks += _surfaces(analysis, slice(1, None))  # the first opens the report

@@ -29,6 +29,7 @@ from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.sections.measure import width_after_flight
 from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
+    CUT,
     at_bound_text,
     axis_label,
     capital,
@@ -184,6 +185,7 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     best, terms = analysis.optimum, analysis.fitted.surface.n_terms
     mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
     watched = watched_interval(stop, best.ground is not None and stop.worlds == "count")
+    watched += f", {CUT}" if math.isfinite(getattr(best, stop.interval).cut_from) else ""
     confirming = analysis.data.purposes.count(CONFIRMATION)
     extra = f" and {counted(confirming, 'confirmation run')}" if confirming else ""
     figures = (
