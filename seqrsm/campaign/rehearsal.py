@@ -93,6 +93,7 @@ def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth
         beta = draws.terms[i]
         mean = lambda at: np.asarray(analysis.model.matrix(at) @ beta)  # noqa: E731
         best = optimum(analysis.model, region, beta, goal).value
+    sigma *= np.sqrt(fitted.surface.errors.run_variance)  # of the law's scale, which all these draws are of
     return _Truth(mean, lambda at: np.asarray(sigma / np.sqrt(fitted.scale.weight_at(mean(at)))), of_day, best)
 
 

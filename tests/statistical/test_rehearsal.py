@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import kstest
+from scipy.stats import t as student_t
 
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import Ground
@@ -126,6 +127,21 @@ def test_a_ground_that_scatters_less_than_the_runs_is_rehearsed_with_their_scatt
     numbers = rehearsed(*known(hill, ground=quiet), 40)[0]["numbers"]
     for name in ("coverage_rule", "coverage_new_run", "coverage_mean"):
         assert 0.89 < numbers[name] < 0.99, name
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_runs_of_student_errors_are_rehearsed_with_their_standard_deviation(share: float) -> None:
+    """They scattered by its scale: seven in eight stopped at a target that `fit` and `check` put below the floor."""
+    spec, analysis = known(hill, model='[model]\nerrors = "student_t"\n')
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
+    departure = replace(analysis.fitted.departure, probability=share)
+    given = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
+    truths = [rehearsal._truth(given, draws, np.random.default_rng(i)) for i in range(60)]
+    process = analysis.fitted.departure.process
+    assert process is not None
+    scale = np.sqrt(process.noise_variance) if share else draws.sigma
+    rehearsed_sd = np.median([one.sd(np.zeros((1, 2))) for one in truths])
+    assert rehearsed_sd == pytest.approx(student_t(4).std() * np.median(scale), rel=0.12)
 
 
 def test_minimising_mirrors_maximising() -> None:
