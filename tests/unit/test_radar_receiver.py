@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from seqrsm.errors import ConfigurationError
 from seqrsm.simulate.radar.receiver import (
     converter_error,
     film_density,
     greytone,
     least_intensity,
+    named_function,
     quantised_intensity,
     received,
     to_levels,
@@ -90,3 +92,11 @@ def test_levels_take_the_smallest_type():
     assert to_levels(np.array([300.0, np.nan])).tolist() == [255, 0]
     assert to_levels(np.array([4095.0]), 12).dtype == np.uint16
     assert to_levels(np.array([2.0**31]), 32).dtype == np.uint32
+
+
+def test_a_function_of_the_users_own_that_ends_the_program_is_told_as_failed(tmp_path):
+    for text, told in (("def f(p):\n    raise SystemExit(0)\n", "failed"), ("raise SystemExit(0)\n", "cannot be imp")):
+        file = tmp_path / f"{told[:3]}.py"
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(ConfigurationError, match=f"the function {told}.*SystemExit: 0"):
+            named_function("receiver", f"{file}:f")(np.ones(3))
