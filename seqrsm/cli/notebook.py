@@ -502,6 +502,11 @@ class Ran(Shown):
     campaign: Opened
     outcome: Outcome
 
+    @property
+    def held(self) -> bool:
+        """The stop rule holds; otherwise the budget is spent."""
+        return self.outcome.held
+
     def show(self) -> None:
         """Print it as ``seqrsm run`` does."""
         from seqrsm.cli.show_fit import show_outcome

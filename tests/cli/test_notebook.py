@@ -220,7 +220,7 @@ def test_the_end_of_a_run_shows_what_the_command_prints(tiny: Path) -> None:
     assert "Summary\nQuestion: which" in shown
     document = json.loads(ok_or_spent("run", tiny, "--max-runs", 12, "--json"))
     assert {**plain(ended.to_json()), "seconds": 0} == {**document, "seconds": 0}
-    assert ended.outcome.held is document["held"]
+    assert ended.held is ended.outcome.held is document["held"]
 
 
 def test_an_open_campaign_goes_to_another_process(tmp_path: Path) -> None:
