@@ -18,6 +18,7 @@ Bayesian optimization of non-stationary functions, ICML.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, fields, replace
@@ -591,7 +592,9 @@ class Process:
         known = np.hstack([np.full((len(rows), 1), np.sqrt(_VAGUE)), self._difference])
         columns, y = np.hstack([known, rows, blocks]) * root[:, None], self._y * root
         z = np.linspace(-3.5, 3.5, 25)
-        grids = z, z if blocks.size else np.zeros(1), z
+        # The more runs the better the noise is known, by 1 / sqrt(2 n) of itself: two points each such width at least.
+        of_noise = np.linspace(-3.5, 3.5, max(25, math.ceil(10.0 * math.sqrt(self._runs.sum()))))
+        grids = z, z if blocks.size else np.zeros(1), of_noise
         names = zip(("trend", "block", "noise"), grids, strict=True)
         trends, of_blocks, noises = (_PRIOR[name][0] * np.exp(_PRIOR[name][1] * at) for name, at in names)
         sizes = np.ones((len(trends), len(of_blocks), columns.shape[1]))
@@ -608,7 +611,7 @@ class Process:
             own, squares = np.where(np.isinf(own), 0.0, own)[..., None], squares[..., None]
             total = own / variances + 1.0
             log[:] = left + np.sum(squares / (variances * total) + np.log(total), axis=1) + len(y) * np.log(variances)
-        of_prior = z[:, None, None] ** 2 + grids[1][:, None] ** 2 + z**2
+        of_prior = z[:, None, None] ** 2 + grids[1][:, None] ** 2 + of_noise**2
         logs = self._of_repeats(variances[:, None] * inverse_weights) - 0.5 * (logs + of_prior)
-        scales = 2 + bool(blocks.size)
-        return float(logsumexp(logs) + scales * np.log((z[1] - z[0]) / np.sqrt(2.0 * np.pi)) + np.sum(np.log(root)))
+        steps = np.log([grid[1] - grid[0] for grid in grids if len(grid) > 1]) - 0.5 * np.log(2.0 * np.pi)
+        return float(logsumexp(logs) + np.sum(steps) + np.sum(np.log(root)))

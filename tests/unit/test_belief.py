@@ -13,7 +13,7 @@ from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import belief as belief_module
-from seqrsm.analysis.belief import Fitted, _mixture_quantile, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.belief import Departure, Fitted, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.optimism import optimism
@@ -825,8 +825,10 @@ def test_each_future_run_has_its_own_weight(tmp_path) -> None:
             assert (both.low[i], both.high[i]) == pytest.approx((one.low[0], one.high[0]), rel=1e-9)
 
 
-def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_path) -> None:
+def test_the_scatter_of_a_run_is_a_standard_deviation_whatever_the_errors(tmp_path, monkeypatch) -> None:
     """Of Student-t errors with 4 degrees of freedom the scale was told, which is 0.71 of it."""
+    alone = Departure(None, float("nan"), 0.0, "the quadratic is true")
+    monkeypatch.setattr("seqrsm.analysis.fitted.weigh_departure", lambda *given: alone)
     rng = np.random.default_rng(5)
     points = rng.uniform(-1.0, 1.0, (300, 1))
     scores = 50.0 - 4.0 * points[:, 0] ** 2 + rng.standard_t(4, 300)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scored_campaigns import numeric
 
+from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.compromise import (
     Objective,
     _application,
@@ -212,11 +213,13 @@ def test_an_interval_of_a_factor_with_values_ends_at_values() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_errors_of_one_application_are_not_those_of_another(tmp_path, sign) -> None:
+def test_errors_of_one_application_are_not_those_of_another(tmp_path, monkeypatch, sign) -> None:
     """Interval and shortfall are those of two regressions drawn independently, whatever the goals are.
 
     Draws that erred alike made the shortfall 1.9 times as large where both are maximized, a quarter where one is not.
     """
+    alone = Departure(None, float("nan"), 0.0, "the quadratic is true")
+    monkeypatch.setattr("seqrsm.analysis.fitted.weigh_departure", lambda *given: alone)
     rng = np.random.default_rng(7)
     x, goals = np.linspace(-1.0, 1.0, 300), ("maximize", "maximize" if sign > 0.0 else "minimize")
     tops, signs = (-0.4, 0.4), (1.0, sign)

@@ -168,6 +168,42 @@ def test_bayes_factor_is_the_ratio_of_two_integrals(surface: str) -> None:
     assert process.log_bayes_factor == pytest.approx(drawn - quadratic, abs=4.0 * error)
 
 
+@pytest.mark.parametrize("n", [60, 240])
+def test_evidence_of_the_quadratic_is_as_exact_with_many_runs(n: int) -> None:
+    """The noise is known to 1 / sqrt(2 n) of itself: between nodes a third apart it was lost."""
+    points = np.linspace(-1.0, 1.0, n)[:, None]
+    for seed in range(2):
+        y = bowl(points) + 6.0 * np.random.default_rng(seed).normal(size=n)
+        process = fitted(points, y)
+        rows, scores = np.hstack([np.full_like(points, np.sqrt(VAGUE)), points, points**2]), (y - y.mean()) / y.std()
+        of_trend = 0.5 * np.exp(np.linspace(-4.0, 4.0, 81))
+        at = np.log(np.std(scores - rows @ np.linalg.lstsq(rows, scores, rcond=None)[0]))
+        of_noise = np.exp(at + np.linspace(-8.0, 8.0, 161) / np.sqrt(2.0 * n))  # where the likelihood is not nothing
+        logs = np.empty((81, 161))
+        for i, trend_sd in enumerate(of_trend):  # by the matrix determinant lemma and Woodbury's identity
+            sized = rows * [1.0, trend_sd, trend_sd]
+            gram, moment = sized.T @ sized, sized.T @ scores
+            for j, noise in enumerate(of_noise):
+                inner = np.eye(3) + gram / noise**2
+                left = scores @ scores / noise**2 - moment @ np.linalg.solve(inner, moment) / noise**4
+                logs[i, j] = -0.5 * (2.0 * n * np.log(noise) + np.log(np.linalg.det(inner)) + left)
+        logs += stats.norm.logpdf(np.log(of_trend / 0.5))[:, None] + stats.norm.logpdf(
+            np.log(of_noise / 0.2), scale=1.2
+        )
+        steps = np.log(np.log(of_trend[1] / of_trend[0])) + np.log(np.log(of_noise[1] / of_noise[0]))
+        expected = float(logsumexp(logs) + steps)
+        assert process._log_evidence_of_quadratic() == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.slow
+def test_a_quadratic_is_not_taken_for_another_surface_the_more_runs_there_are() -> None:
+    for n in (300, 1200):
+        points = np.linspace(-1.0, 1.0, n)[:, None]
+        for seed in (7, 8, 9, 10):  # up to 5 before
+            y = 80.0 - 20.0 * (points[:, 0] + 0.4) ** 2 + 6.0 * np.random.default_rng(seed).normal(size=n)
+            assert fitted(points, y).log_bayes_factor < 0.0
+
+
 def test_evidence_of_the_quadratic_is_averaged_over_the_size_of_blocks() -> None:
     points, blocks = np.linspace(-1.0, 1.0, 12)[:, None], np.eye(4)[np.arange(12) % 4]
     y = bowl(points) + 3.0 * np.array([1.0, -1.0, 0.5, 0.0])[np.arange(12) % 4]
