@@ -142,7 +142,7 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     text = (compared / "campaign.toml").read_text(encoding="utf-8")
     asked = text.replace("[[application]]", "[[application]]\nsufficient = 100.0", 1)
     (compared / "campaign.toml").write_text(asked, encoding="utf-8")
-    document = json.loads(ok("candidates", compared, "--worlds", 4, "--json"))
+    document = json.loads(ok("candidates", compared, "--worlds", 5, "--json"))
     rows = document["applications"]["cover"]["candidates"]
     assert max(row.get("probability", 0.0) for row in rows if row["how"] == "simulation") < 0.05
     assert document["applications"]["cover"]["relative"] is False
