@@ -138,3 +138,13 @@ def test_what_many_runs_tell_of_a_narrow_top_is_true(monkeypatch: pytest.MonkeyP
         mean, total = means.mean(axis=0), variances.mean(axis=0) + means.var(axis=0)
         inside += np.mean(np.abs(mean - hill(at)) < 1.96 * np.sqrt(total)) / 12
     assert 0.88 < inside < 0.995
+
+
+def test_scores_that_are_equal_but_for_a_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first process is of a part of the runs, among which none may differ."""
+    monkeypatch.setattr("seqrsm.fit.process.MOST_SETTINGS", 60)
+    points, y = spread(400, 2), np.full(400, 100.0)
+    y[7] = 97.0
+    process = fitted(points, y)
+    assert np.isfinite(process.log_bayes_factor)
+    assert process.mean(spread(9, 2, seed=9)) == pytest.approx(np.full(9, 100.0), abs=1.0)
