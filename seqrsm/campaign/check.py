@@ -273,11 +273,11 @@ def _judged(
 
 def refusals(folder: Path, result: CheckResult) -> list[Problem]:
     """Targets that cannot be reached, with their places in ``campaign.toml``."""
-    found = []
-    for one in result.judged:
-        if not one.refused:
-            continue
-        spec = load_spec(folder)
+    refused = [one for one in result.judged if one.refused]
+    if not refused:
+        return []
+    spec, found = load_spec(folder), []
+    for one in refused:
         k = [each.name for each in spec.applications].index(one.application)
         own = spec.applications[k].half_width is not None and spec.stop.max_runs >= one.min_runs
         field, *path = ("[[application]] half_width", "application", k, "half_width") if own else ("[stop]", "stop")

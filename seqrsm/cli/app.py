@@ -249,7 +249,7 @@ def run(
             say=on_step,
         )
     print_json(ended.to_json()) if as_json else ended.show()
-    if not ended.outcome.held:
+    if not ended.held:
         raise typer.Exit(EXIT_BUDGET_SPENT)
 
 

@@ -301,7 +301,8 @@ class Process:
             first = np.unique(place, return_index=True)[1]
         self._place, self._runs, total = place, np.bincount(place), np.bincount(place, weights)
         self._points, self._columns_of_blocks = np.asarray(points, dtype=np.float64)[first], self._blocks.columns[first]
-        self._weights, self._inverse_weights = weights, self._runs / total
+        self._inverse_weights = self._runs / total
+        self._weights = weights * self._inverse_weights[place]  # over the place's mean: 1 but where runs are gathered
         scores = (y - self.centre) / self.scatter
         self._y = np.bincount(place, weights * scores) / total
         self._squares = np.bincount(place, weights * np.square(scores - self._y[place])) * self._inverse_weights
@@ -363,8 +364,8 @@ class Process:
         for some, h, at, own, apart in self._parts(points):
             halves, roots = self._covariance(h, at, own, apart) @ self._roots[some], self._roots[some]
             found += np.sum(halves @ np.swapaxes(roots, 1, 2), axis=0)
-        share = self._weights * self._inverse_weights[self._place] / self._runs[self._place]
-        return np.asarray(found.T[self._place] * (share / len(self._alpha))[:, None])
+        share = self._weights / self._runs[self._place] / len(self._alpha)
+        return np.asarray(found.T[self._place] * share[:, None])
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
@@ -450,8 +451,8 @@ class Process:
     @property
     def variance_of_runs(self) -> FloatArray:
         """Variance (n,) of each run about its source's surface, over all draws, score units."""
-        relative = 1.0 / (self._weights * self._inverse_weights[self._place])  # 1 but where runs are gathered
-        return np.asarray(self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)[self._place] * relative)
+        of_places = self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)
+        return np.asarray(of_places[self._place] / self._weights)
 
     def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m), and for each draw the root (m, n) of what the scores take off the variances there."""

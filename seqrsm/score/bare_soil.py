@@ -21,7 +21,7 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import fields_of, finest, pixels_of, reach_pixels, tile_m
+from seqrsm.score.evidence import fields_of, finest, in_one_field, pixels_of, reach_pixels, tile_m
 from seqrsm.sensor.radar import GROUND_OF
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image
@@ -183,12 +183,8 @@ def _away_from_edges(image: RadarImage, scene: Scene) -> BoolArray:
     known = pixel >= 0
     field = np.full(image.intensity[0].size, -1, dtype=np.int64)
     field[pixel[known]] = scene.field_id[known]
-    field[pixel[known & (scene.field_id != field[pixel])]] = scene.n_fields  # of several fields
-    square = field.reshape(image.intensity.shape[1:])
-    reach = reach_pixels(radar, scene.cell_m)
-    highest = scipy.ndimage.maximum_filter(square, 2 * reach + 1)
-    lowest = scipy.ndimage.minimum_filter(np.where(square < 0, scene.n_fields, square), 2 * reach + 1)
-    inside = (lowest == highest) & (highest < scene.n_fields)
+    field[pixel[known & (scene.field_id != field[pixel])]] = -2  # of several fields
+    inside = in_one_field(field.reshape(image.intensity.shape[1:]), reach_pixels(radar, scene.cell_m))
     beside = scipy.ndimage.minimum_filter(known, 2 * math.ceil(radar.resolution_m / scene.cell_m - 1e-9) + 1)
     return np.asarray(beside & inside.ravel()[pixel])
 

@@ -316,17 +316,25 @@ def _in_resolution_cells(image: Image, pixels: Pixels, cell_m: float) -> tuple[A
     if not isinstance(image, RadarImage) or not image.radar.finer_pixels:
         return counts, np.asarray(field >= 0)
     shape, reach = image.intensity.shape[1:], reach_pixels(image.radar, cell_m)
-    half, size = 0.5 * image.radar.resolution_m / image.radar.pixel_spacing_m, 2 * reach + 1
+    half = 0.5 * image.radar.resolution_m / image.radar.pixel_spacing_m
     covered = np.clip(half + 0.5 - np.abs(np.arange(-reach, reach + 1)), 0.0, 1.0)
     cells = counts.reshape(*shape, -1)
     for axis in (0, 1):
         cells = scipy.ndimage.convolve1d(cells, np.rint(4.0 * covered), axis=axis, mode="constant")
     cells = np.where(holds_cells(counts)[:, None], cells.reshape(counts.shape), 0)
-    several = np.iinfo(field.dtype).max
-    known = np.where(field == -2, several, field).reshape(shape)
+    return cells, np.asarray(in_one_field(field.reshape(shape), reach).ravel() & (field >= 0))
+
+
+def in_one_field(field: AnyArray, reach: int) -> BoolArray:
+    """Whether all ground within so many pixels of each is one field's.
+
+    ``field`` (rows, columns) of a pixel, -1 where it has no ground, -2 where it has several.
+    """
+    several, size = field.max() + 1, 2 * reach + 1
+    known = np.where(field == -2, several, field)
     highest = scipy.ndimage.maximum_filter(known, size)
     lowest = scipy.ndimage.minimum_filter(np.where(known == -1, several, known), size)
-    return cells, np.asarray(((highest == lowest) & (highest < several)).ravel() & (field >= 0))
+    return np.asarray((highest == lowest) & (highest < several))
 
 
 def _of_fields(

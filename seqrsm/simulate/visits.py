@@ -145,13 +145,13 @@ def half_lasting(
     visit: Visit, purpose: str, shape: tuple[int, ...], frequency_ghz: float, *, seed: int, run_id: int
 ) -> FloatArray:
     """`deviates` of fields on a visit; half of their variance all dates share, half fades as weather does (assumed)."""
-    own = over_dates(
-        visit, purpose, lambda name: kept_deviates(seed, run_id, name, shape, frequency_ghz, OWN_OF_FIELDS), FAST_DAYS
-    )
     if not visit.days:
-        return own
-    lasting = kept_deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz, OWN_OF_FIELDS)
-    return math.sqrt(0.5) * (own + lasting)
+        return deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz, OWN_OF_FIELDS)
+
+    def kept(name: str) -> FloatArray:
+        return kept_deviates(seed, run_id, name, shape, frequency_ghz, OWN_OF_FIELDS)
+
+    return math.sqrt(0.5) * (over_dates(visit, purpose, kept, FAST_DAYS) + kept(f"lasting {purpose}"))
 
 
 def regional_moisture(visit: Visit, places_m: FloatArray, length_m: float, *, seed: int, run_id: int) -> FloatArray:

@@ -584,6 +584,17 @@ def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, 
     assert {"pure_error", "lack_of_fit"} <= {check.name for check in analysis.decision.checks}
 
 
+def test_too_many_levels_and_blocks_for_a_process_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("seqrsm.analysis.belief.MOST_SETTINGS", 8)
+    points = np.round(spread(40, 2), 3)
+    days = [f"d{i % 9}" for i in range(40)]
+    text = specification(numeric(2), rest='[model]\nblock = "block"\n')
+    refused(
+        analysed(tmp_path / "c", text, points, bowl(points) + np.resize(NOISE, 40), block=days),
+        "up to 8 combinations of levels and blocks, and there are 9",
+    )
+
+
 def test_flights_beside_simulations_are_told_by_a_process_that_knows_both(tmp_path: Path) -> None:
     """Flights score ten less on a narrow top, where few are flown: the surface told is theirs."""
     points = np.round(spread(40, 2), 3)

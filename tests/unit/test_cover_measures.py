@@ -18,7 +18,17 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
-from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, fields_of, layers_of, pixels_of
+from seqrsm.score.evidence import (
+    WINDOW,
+    Evidence,
+    _lee,
+    _of_segments,
+    evidence_of,
+    fields_of,
+    in_one_field,
+    layers_of,
+    pixels_of,
+)
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -136,6 +146,20 @@ def test_no_field_is_both_taught_and_tested() -> None:
     one = replace(SCENE, cover=np.zeros_like(SCENE.cover), field_id=np.zeros_like(SCENE.field_id))
     with tiles_of(130.0):
         assert len(np.unique(pixels_of(image(one), one, **KEY).tile)) > 50
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.int64])
+def test_ground_within_reach_is_one_fields_where_a_window_holds_no_other(kind: type) -> None:
+    rng = np.random.default_rng(4)
+    field = np.kron(rng.integers(0, 5, (5, 6)), np.ones((4, 4), dtype=int)).astype(kind)
+    field[rng.random(field.shape) < 0.1] = -1
+    field[rng.random(field.shape) < 0.03] = -2
+    for reach in (0, 1, 2):
+        padded = np.pad(field, reach, "symmetric")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * reach + 1, 2 * reach + 1))
+        wanted = [set(one.ravel().tolist()) - {-1} for one in windows.reshape(-1, *windows.shape[2:])]
+        expected = np.array([len(one) == 1 and -2 not in one for one in wanted]).reshape(field.shape)
+        np.testing.assert_array_equal(in_one_field(field, reach), expected)
 
 
 def test_a_scene_smaller_than_a_tile_is_not_taught_what_it_is_tested_on() -> None:
