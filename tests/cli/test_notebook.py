@@ -207,7 +207,9 @@ def test_threads_show_their_results_apart_and_leave_stdout_as_it_was() -> None:
             ended[number].set()
         assert [one.result() for one in told] == ["begun 0\nended 0", "begun 1\nended 1"]
         assert sys.stdout is text
-    assert text.getvalue() == "meanwhile\n"
+        repr(told := Slow(0))
+        told.show()  # by this thread, once it was on a page
+    assert text.getvalue() == "meanwhile\nbegun 0\nended 0\n"
 
 
 @pytest.mark.usefixtures("few_draws")

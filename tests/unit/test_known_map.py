@@ -12,7 +12,7 @@ from scipy.stats import norm
 from test_cover_measures import IMAGE, KEY, SCENE
 
 from seqrsm.errors import UserError
-from seqrsm.score.classification import by_map_alone, named
+from seqrsm.score.classification import TRUSTS, by_map_alone, named, taught
 from seqrsm.score.cover import FALSE_ALARMS, score_cover, score_evidence
 from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.score.known_map import KnownMap, labels_of_units, load_known_map
@@ -127,6 +127,20 @@ def test_images_take_nothing_from_a_map_that_is_better_than_their_classifier_thi
         assert found.value > found.guess - 0.01
         assert found.value > found.guess + 1.5 or p > 0.8
     assert found.value == 100.0
+
+
+def test_labels_are_trusted_in_one_half_as_far_as_the_other_shows() -> None:
+    """Right for all ground of one half, for none in particular in the other: none is judged by what it is tested on."""
+    rng, n = np.random.default_rng(4), 40_000
+    truth, tile, keys = rng.integers(0, 2, n), np.arange(n) // 50, rng.random(n // 50)
+    counts = np.eye(2, dtype=np.int64)[truth]
+    features = rng.standard_t(2.5, (6, n)) * np.where(truth == 0, 1.0, 2.0) + 0.3 * truth
+    evidence = Evidence(features, counts, tile, keys, 0, counts)
+    right = taught(evidence).half[tile] == 0
+    label = np.where(right, truth, rng.integers(0, 2, n))
+    told = taught(replace(evidence, label=label, log_share=of([[0.9, 0.1], [0.1, 0.9]]).log_share)).trust
+    assert told[0] == 1.0
+    assert told[1] == max(TRUSTS)
 
 
 def test_the_map_alone_knows_how_much_of_the_ground_each_cover_has_as_a_guess_does() -> None:
