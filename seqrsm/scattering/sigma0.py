@@ -1,10 +1,11 @@
 """The table of backscatter: sigma0(category, frequency, polarization, incidence angle, season), RSL TR 380-1 3.2.2.3.
 
 Rules of interpolation, with their measured errors over the published formulas: linear in dB over a 1-degree grid of
-incidence angle (0.12 dB at most), linear in dB over the logarithm of frequency between nodes (1.2 dB rms).
-Extrapolation reaches at most one octave and is assumed: below the lowest node the first slope goes on, above the
-highest half the slope of the straight line through all nodes, since canopies and rough ground saturate. Within a tenth
-of an octave of a node a value rests on what that node rests on; its error is the same as further away.
+incidence angle (0.12 dB at most), linear in dB over the logarithm of frequency between nodes: 1.2 dB rms half-way, and
+towards either node as a parabola to 0, as of a curve of even bend (assumed). Extrapolation reaches at most one octave
+and is assumed: below the lowest node the first slope goes on, above the highest half the slope of the straight line
+through all nodes, since canopies and rough ground saturate; its error grows by 2.4 dB an octave. Within a tenth of an
+octave of a node a value rests on what that node rests on.
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ from seqrsm.units import db_to_linear
 DEFAULT_SEASON: Final = "spring_summer"
 
 INTERPOLATION_SD_DB: Final = 1.2
-"""Error of sigma0 interpolated between node frequencies [dB rms], from predicting S band by L and C (60 cases)."""
+"""Error of sigma0 half-way between node frequencies [dB rms], from predicting S band by L and C (60 cases)."""
 
-_EXTRAPOLATION_SD_DB: Final = 2.4  # assumed: twice the interpolation's
+_EXTRAPOLATION_SD_DB: Final = 2.4  # an octave beyond the nodes; assumed: twice the interpolation's
 _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
 _ROUGHNESS_DECADES: Final = 0.2
@@ -391,16 +392,18 @@ def _at_frequency(
         upper = int(np.searchsorted(nodes, frequency_ghz))
         share = -position[upper - 1] / (position[upper] - position[upper - 1])
         value = (1.0 - share) * value_db[upper - 1] + share * value_db[upper]
+        error = 4.0 * share * (1.0 - share) * INTERPOLATION_SD_DB
         notes.append(
             f"{frequency_ghz:g} GHz interpolated between {nodes[upper - 1]:g} and {nodes[upper]:g} GHz "
-            f"(rms error {INTERPOLATION_SD_DB:g} dB)"
+            f"(rms error {error:.1f} dB)"
         )
         rests_on = [curve.status[near]] if beside else curve.status[upper - 1 : upper + 1]
-        return value, INTERPOLATION_SD_DB, tuple(map(weakest, zip(*rests_on, strict=True)))
+        return value, error, tuple(map(weakest, zip(*rests_on, strict=True)))
     told = "" if beside else " (assumed)"
     notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz{told}")
     value = value_db[near] - position[near] * _end_slope(position, value_db, near)
-    return value, _EXTRAPOLATION_SD_DB, curve.status[near] if beside else ("assumed",) * 3
+    error = abs(float(position[near])) * _EXTRAPOLATION_SD_DB
+    return value, error, curve.status[near] if beside else ("assumed",) * 3
 
 
 def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArray:

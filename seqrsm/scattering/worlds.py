@@ -36,8 +36,11 @@ from seqrsm.scattering.readers import shipped_rows
 
 BARE_SOIL: Final = "Bareground"
 
+BANDS: Final = 2.0
+"""Octaves between draws from which bands take straight lines."""
+
 _ALL, _KIN = 0.25, 0.25
-_LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
+_LOWEST_GHZ = 0.9
 _COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH and VV have in common
 _EMISSIVITY_OWN: Final = 0.3
 _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
@@ -191,12 +194,13 @@ def _drawn(seed: int, number: int, name: str, frequency_ghz: float, harmonic: in
 
 
 def drawn_by_frequency(
-    seed: int, number: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float
+    seed: int, number: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float, step_octaves: float = BANDS
 ) -> FloatArray:
     """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
 
-    Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
-    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on which others are drawn.
+    Draws stand at 0.9 GHz and every step from there, a frequency takes straight lines between. With steps of two
+    octaves L and C band are correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on
+    which others are drawn.
 
     Parameters
     ----------
@@ -208,22 +212,25 @@ def drawn_by_frequency(
         Of the draws at one frequency.
     frequency_ghz : float
         Above 0 [GHz].
+    step_octaves : float
+        Above 0 [octaves].
     """
-    lower, share = _place(frequency_ghz)
+    lower, share = _place(frequency_ghz, step_octaves)
     here, above = (generator(seed, number, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
     return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
 
 
-def related_by_frequency(one_ghz: float, other_ghz: float) -> float:
+def related_by_frequency(one_ghz: float, other_ghz: float, step_octaves: float = BANDS) -> float:
     """Correlation of what two frequencies [GHz] see of `drawn_by_frequency`."""
-    first, second = ({band: 1.0 - share, band + 1: share} for band, share in (_place(one_ghz), _place(other_ghz)))
+    places = (_place(ghz, step_octaves) for ghz in (one_ghz, other_ghz))
+    first, second = ({band: 1.0 - share, band + 1: share} for band, share in places)
     common = sum(weight * second.get(band, 0.0) for band, weight in first.items())
     return common / (math.hypot(*first.values()) * math.hypot(*second.values()))
 
 
-def _place(frequency_ghz: float) -> tuple[int, float]:
+def _place(frequency_ghz: float, step_octaves: float) -> tuple[int, float]:
     """Number of the draws below a frequency, and its place between them and the next."""
-    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
+    at = math.log2(frequency_ghz / _LOWEST_GHZ) / step_octaves
     return math.floor(at), at % 1.0
 
 

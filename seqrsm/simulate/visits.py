@@ -25,10 +25,12 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.exchange import Sensor
 
 OWN_OF_FIELDS: Final = 0.1
-"""Share of the variance between fields that no other frequency sees, however near (assumed).
+"""Share of the variance between fields that only frequencies within a fifth of an octave see alike (assumed).
 
 Without it two bands that see nearly the same fields would tell the least difference between covers by their own.
 """
+
+_OWN_OCTAVES: Final = 0.1
 
 ANGLE_DEG: Final = 45.0
 """Between incidence angles at which what a radar sees of fields is related by 1/e [deg].
@@ -88,14 +90,14 @@ ONCE: Final = Visit()
 def deviates(
     seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float, own_share: float = 0.0
 ) -> FloatArray:
-    """`drawn_by_frequency` of a run, with a share of the variance that each frequency has for its own.
+    """`drawn_by_frequency` of a run, with a share of the variance that only near frequencies have in common.
 
     Draws that the channels and later dates of a run ask for again are `kept_deviates`.
     """
     near = drawn_by_frequency(seed, run_id, purpose, shape, frequency_ghz)
     if own_share == 0.0:
         return near
-    own = generator(seed, run_id, f"{purpose} at {frequency_ghz} GHz").standard_normal(shape)
+    own = drawn_by_frequency(seed, run_id, f"own {purpose}", shape, frequency_ghz, _OWN_OCTAVES)
     return np.asarray(math.sqrt(1.0 - own_share) * near + math.sqrt(own_share) * own)
 
 
@@ -107,9 +109,9 @@ def related_fields(one_ghz: float, other_ghz: float, apart_deg: float = 0.0) -> 
 
     ``apart_deg``: between their incidence angles [deg].
     """
-    by_angle = math.exp(-apart_deg / ANGLE_DEG)
-    same = one_ghz == other_ghz
-    return by_angle * (1.0 if same else (1.0 - OWN_OF_FIELDS) * related_by_frequency(one_ghz, other_ghz))
+    own = OWN_OF_FIELDS * related_by_frequency(one_ghz, other_ghz, _OWN_OCTAVES)
+    related = (1.0 - OWN_OF_FIELDS) * related_by_frequency(one_ghz, other_ghz) + own
+    return math.exp(-apart_deg / ANGLE_DEG) * related
 
 
 def at_angle(visit: Visit, purpose: str, draw: Callable[[str], FloatArray]) -> FloatArray:

@@ -152,7 +152,7 @@ def test_two_crops_a_known_difference_apart_are_told_apart_as_often_as_two_gauss
     scene, visit = fields(("Soybean", "Sorghum")), Visit((150.0 if difference else 300.0,))
     still = radar(texture_db=0.0, looks=150)
     got = []
-    for k in range(1, 7):
+    for k in range(1, 15):
         image = simulate_radar(scene, still, table, seed=2, run_id=k, visit=visit)
         got.append(percent_correct([image], scene, by="field", seed=2, run_id=k).value)
     assert np.mean(got) == pytest.approx(100.0 * norm.cdf(difference / 3.0), abs=2.5)
