@@ -16,6 +16,7 @@ from functools import lru_cache, wraps
 from importlib.metadata import version
 from typing import ParamSpec, TypeVar, cast
 
+from seqrsm.arrays import AnyArray
 from seqrsm.errors import UserError
 from seqrsm.files import put
 from seqrsm.jit import PACKAGE, cache_root
@@ -26,6 +27,7 @@ T = TypeVar("T")
 MOST_KEPT, MOST_RECALLED = 20, 8
 """On the machine, and in memory; the oldest go."""
 
+_OF_A_KEY = 1000  # bytes, about
 _recalled: dict[bytes, object] = {}
 
 
@@ -73,6 +75,30 @@ def cached_by_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]
             if not hasattr(here, "cached"):
                 here.cached = lru_cache(maxsize)(function)
             return cast(T, here.cached(*arguments, **named))
+
+        return call
+
+    return wrap
+
+
+def arrays_by_thread(most_bytes: int) -> Callable[[Callable[P, AnyArray]], Callable[P, AnyArray]]:
+    """As `cached_by_thread`, of arrays: those asked for last, of so many bytes in all; the last however large it is."""
+
+    def wrap(function: Callable[P, AnyArray]) -> Callable[P, AnyArray]:
+        here = threading.local()
+
+        @wraps(function)
+        def call(*arguments: P.args, **named: P.kwargs) -> AnyArray:
+            kept: dict[object, AnyArray] = here.__dict__.setdefault("kept", {})
+            key = arguments, tuple(named.items())
+            found = kept.pop(key, None)
+            if found is None:
+                found = function(*arguments, **named)
+                here.size = getattr(here, "size", 0) + found.nbytes + _OF_A_KEY
+            kept[key] = found  # behind all others
+            while here.size > most_bytes and len(kept) > 1:
+                here.size -= kept.pop(next(iter(kept))).nbytes + _OF_A_KEY
+            return found
 
         return call
 

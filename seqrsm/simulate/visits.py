@@ -17,7 +17,7 @@ import scipy
 from scipy.special import ndtr
 
 from seqrsm.arrays import FloatArray
-from seqrsm.remember import cached_by_thread
+from seqrsm.remember import arrays_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.worlds import drawn_by_frequency, related_by_frequency
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
@@ -92,7 +92,7 @@ def deviates(
 ) -> FloatArray:
     """`drawn_by_frequency` of a run, with a share of the variance that only near frequencies have in common.
 
-    Draws that the channels and later dates of a run ask for again are `kept_deviates`.
+    Draws that channels, later dates and other worlds of a run ask for again are `kept_deviates`.
     """
     near = drawn_by_frequency(seed, run_id, purpose, shape, frequency_ghz)
     if own_share == 0.0:
@@ -101,7 +101,7 @@ def deviates(
     return np.asarray(math.sqrt(1.0 - own_share) * near + math.sqrt(own_share) * own)
 
 
-kept_deviates = cached_by_thread(maxsize=32)(deviates)
+kept_deviates = arrays_by_thread(most_bytes=2**26)(deviates)
 
 
 def related_fields(one_ghz: float, other_ghz: float, apart_deg: float = 0.0) -> float:
@@ -147,12 +147,12 @@ def half_lasting(
     visit: Visit, purpose: str, shape: tuple[int, ...], frequency_ghz: float, *, seed: int, run_id: int
 ) -> FloatArray:
     """`deviates` of fields on a visit; half of their variance all dates share, half fades as weather does (assumed)."""
-    if not visit.days:
-        return deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz, OWN_OF_FIELDS)
 
     def kept(name: str) -> FloatArray:
         return kept_deviates(seed, run_id, name, shape, frequency_ghz, OWN_OF_FIELDS)
 
+    if not visit.days:
+        return kept(visit.dated(purpose))
     return math.sqrt(0.5) * (over_dates(visit, purpose, kept, FAST_DAYS) + kept(f"lasting {purpose}"))
 
 

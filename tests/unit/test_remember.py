@@ -135,3 +135,30 @@ def test_code_and_tables_tell_what_a_result_was_made_by(tmp_path, monkeypatch) -
         (tmp_path / name).write_text(text, encoding="utf-8")
         found.append(remember._code.__wrapped__())
     assert len(set(found)) == 4
+
+
+def test_arrays_are_kept_up_to_so_many_bytes_those_asked_for_last_first():
+    made = []
+
+    @remember.arrays_by_thread(most_bytes=25_000)
+    def zeros(n: int, *, name: str = "") -> np.ndarray:
+        made.append((n, name))
+        return np.zeros(n)
+
+    first = zeros(1000)
+    zeros(1000, name="other")
+    assert zeros(1000) is first
+    zeros(1000, name="third")  # the second is the oldest now
+    assert zeros(1000) is first
+    zeros(1000, name="third")
+    assert made == [(1000, ""), (1000, "other"), (1000, "third")]
+    zeros(1000, name="other")
+    assert len(made) == 4
+    # One that is larger than all that may be kept is there until the next is asked for.
+    large = zeros(10_000)
+    assert zeros(10_000) is large
+    zeros(1)
+    zeros(10_000)
+    assert made[4:] == [(10_000, ""), (1, ""), (10_000, "")]
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(zeros, 10_000).result() is not zeros(10_000)

@@ -275,7 +275,7 @@ def met_occasion(
         own_place = [(c, 1 + POLARIZATIONS.index(GROUND_OF[name]), own) for c, name, own in _recorded(radar, lookups)]
         parts = 1 + max(place for _, place, _ in own_place)
         draws = at_angle(
-            visit, "texture", lambda own: _kept(visit, own, (parts, len(parent)), radar.frequency_ghz, **key)
+            visit, "texture", lambda own: half_lasting(visit, own, (parts, len(parent)), radar.frequency_ghz, **key)
         )
         offset = offset[:, parent]
         for c, place, lookup in own_place:
@@ -286,7 +286,7 @@ def met_occasion(
         return met
     related = _related(radar.frequency_ghz, table, lookups[radar.layers.index(radar.pair[0])], visit.day)
     departure = at_angle(
-        visit, "coherence", lambda own: _kept(visit, own, (2, len(category)), radar.frequency_ghz, **key)
+        visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
     mean = related.mean[np.where(category < len(scene.categories), category, 0)]
     of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
@@ -330,9 +330,6 @@ def _added(
         offset = linear_to_db(added_power(here[0], here[1], part(of_fields)) / dated[known])
         of_field[c] = np.where(category < len(related.mean), offset, 0.0)
     return replace(met, class_offset_db=of_class, field_offset_db=of_field)
-
-
-_kept = cached_by_thread(maxsize=2)(half_lasting)  # simulations that move one cover after another share it
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
