@@ -27,7 +27,7 @@ from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
-from seqrsm.score.evidence import Image, tile_m
+from seqrsm.score.evidence import Image, large_fields, tile_m
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.moisture import refuse_combination
 from seqrsm.score.utilities import utility_of
@@ -42,7 +42,7 @@ from seqrsm.store.records import NewScore
 _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 _BUNDLE = 2**30  # ids beyond any run's
 _FILES: Final = ("scene", "table", "known_map", "calendar")  # of a task and of [simulator]
-_MOST_LARGE: Final = 0.5  # of the scored ground in fields that training and test divide
+_MOST_DIVIDED: Final = 0.5  # of the scored ground in fields that training and test divide
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
 
@@ -468,20 +468,19 @@ def _notes_on_fields(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
         text = f"all scored ground is {scene.categories[covers[0]]}: there is nothing to tell apart"
         remedy = "Use a scene with at least two covers, or a utility that needs one, such as soil_moisture_error."
         raise SpecError(text, remedy, file=str(spec.scene_path))
-    # A field larger than a tile is divided by the tiles.
     assert spec.simulator is not None
-    side_m = tile_m(scene, radar=spec.simulator.engine == "psm")
-    large = float(area_m2[area_m2 > side_m**2].sum() / area_m2.sum())
+    divided = large_fields(scene, tile_m(scene, radar=spec.simulator.engine == "psm"))[fields] < 0
+    share = float(area_m2[divided].sum() / area_m2.sum())
     notes = [
-        f"{scene.categories[k]} is one field of {area / 1e4:.3g} ha, not taught where it is tested: "
+        f"{scene.categories[k]} is one field of {area_m2[own][0] / 1e4:.3g} ha, not taught where it is tested: "
         "it is wrong at every setting. Give its code another cover, or none, in the legend"
-        for k, area in ((k, area_m2[cover_of == k][0]) for k in covers[n_fields == 1])
-        if area <= side_m**2
+        for k, own in ((k, cover_of == k) for k in covers[n_fields == 1])
+        if not divided[own].any()
     ]
-    if large > _MOST_LARGE:
+    if share > _MOST_DIVIDED:
         notes.append(
-            f"{100.0 * large:.0f} % of the scored ground lies in fields larger than {side_m**2 / 1e4:.2g} ha, parts of "
-            "which teach what the others are: scores are too high. Import the scene with --parcels FILE or --field-m"
+            f"{100.0 * share:.0f} % of the scored ground lies in fields that are most of their cover's, parts of which "
+            "teach what the others are: scores are too high. Import the scene with --parcels FILE or --field-m"
         )
     return tuple(notes)
 

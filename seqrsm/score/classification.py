@@ -202,9 +202,11 @@ def cluster_ratio(correct: AnyArray, cells: AnyArray) -> tuple[float, float]:
 
 
 def halves(tile_keys: FloatArray) -> IntArray:
-    """Half that each tile belongs to, 0 or 1: that with the smaller keys is half 1."""
+    """Half that each tile belongs to, 0 or 1: of those whose keys have one whole number that with the smaller is 1."""
     half = np.zeros(len(tile_keys), dtype=np.int64)
-    half[np.argsort(tile_keys)[: len(tile_keys) // 2]] = 1
+    group = np.floor(tile_keys)
+    for alike in (np.flatnonzero(group == one) for one in np.unique(group)):
+        half[alike[np.argsort(tile_keys[alike])[: len(alike) // 2]]] = 1
     return half
 
 

@@ -61,7 +61,7 @@ class Pixels:
     seen : bool array (n_tiles,)
         Tiles that hold a scored cell.
     keys : float64 array (n_tiles,)
-        The half of the tiles with the smaller keys is one half.
+        See `seqrsm.score.classification.halves`.
     """
 
     pixel: AnyArray
@@ -207,8 +207,9 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
     """Pixels of an image, the ground in them, and the tiles that they belong to.
 
     A pixel belongs to the tile of the first pixel of the field that most of it lies in: no field is taught in one half
-    and tested in the other but by the ends of its border pixels. A field larger than a tile is divided by the tiles of
-    its pixels' centres.
+    and tested in the other but by the ends of its border pixels. A field larger than a tile is one itself; those of a
+    cover are shared between the halves. One that is most of its cover's ground is divided by the tiles of its pixels'
+    centres: kept whole, it would leave a half with little to learn the cover from.
     """
     side = tile_m(scene, radar=isinstance(image, RadarImage))
     kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
@@ -216,7 +217,7 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
         kept.clear()
         kept[scene, side] = _ground_in_pixels(image, scene, side)
     found = kept[scene, side]
-    return replace(found, keys=generator(seed, run_id, "training tiles").random(len(found.keys)))
+    return replace(found, keys=found.keys + generator(seed, run_id, "training tiles").random(len(found.keys)))
 
 
 _known_ground: WeakKeyDictionary[Callable[[], AnyArray], dict[tuple[Scene, float], Pixels]] = WeakKeyDictionary()
@@ -224,7 +225,7 @@ _known_ground: WeakKeyDictionary[Callable[[], AnyArray], dict[tuple[Scene, float
 
 
 def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
-    """As `pixels_of`, with tiles of a side [m]; all keys are 0."""
+    """As `pixels_of`, with tiles of a side [m]; keys are whole numbers."""
     if isinstance(image, RadarImage):
         _, n_rows, n_columns = image.intensity.shape
         pixel = image.pixel_of_cell
@@ -249,29 +250,35 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field, main = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, n_tiles = tiles(across, along, extent, side)
-    _keep_fields_whole(main, _is_small(scene, side), tile)
-    seen = np.bincount(tile[field != -1], minlength=n_tiles) > 0
-    return Pixels(pixel, counts, field, tile, seen, np.zeros(n_tiles))
+    large = large_fields(scene, side)
+    own = np.flatnonzero(large > 0)
+    _keep_fields_whole(main, large, tile, n_tiles)
+    keys = np.append(np.zeros(n_tiles), 1.0 + categories_of_fields(scene)[own])
+    seen = np.bincount(tile[field != -1], minlength=len(keys)) > 0
+    return Pixels(pixel, counts, field, tile, seen, keys)
 
 
-def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:
-    """Give all pixels of a field the tile of the first of them.
+def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles: int) -> None:
+    """Give all pixels of a field the tile of the first of them, or the one that it is itself.
 
     Parameters
     ----------
     field : int32 array (n_pixels,)
         Below 0 for a pixel of none.
-    small : bool array (n_fields,)
-        Fields that are kept whole.
+    large : int64 array (n_fields,)
+        Of `large_fields`.
     tile : int64 array (n_pixels,)
         Written to.
+    n_tiles : int
+        Tiles that are no field.
     """
     inside = np.flatnonzero(field >= 0)
     own = field[inside]
-    kept = small[own]
+    kept = large[own] >= 0
     inside, own = inside[kept], own[kept]
-    first = np.empty(len(small), dtype=np.int64)
+    first = np.empty(len(large), dtype=np.int64)
     first[own[::-1]] = tile[inside[::-1]]
+    first = np.where(large > 0, n_tiles - 1 + large, first)
     tile[inside] = first[own]
 
 
@@ -283,10 +290,18 @@ def tile_m(scene: Scene, *, radar: bool) -> float:
 
 
 @lru_cache(maxsize=6)
-def _is_small(scene: Scene, side_m: float) -> AnyArray:
-    """Fields (n_fields,) that are no larger than a tile."""
-    cells = np.bincount(scene.field_id.ravel(), minlength=scene.n_fields)
-    return np.asarray(cells * scene.cell_m**2 <= side_m**2)
+def large_fields(scene: Scene, side_m: float) -> IntArray:
+    """Fields larger than a tile (n_fields,), numbered from 1; -1 where one is most of its cover's ground, 0: smaller.
+
+    Of ground that is scored.
+    """
+    cells, scored = (
+        np.bincount(field.ravel(), minlength=scene.n_fields) for field in (scene.field_id, scene.field_id[scene.scored])
+    )
+    cover = categories_of_fields(scene)
+    large = cells * scene.cell_m**2 > side_m**2
+    most = 2.0 * scored > np.bincount(cover, scored)[cover]
+    return np.asarray(np.where(large, np.where(most, -1, np.cumsum(large & ~most)), 0), dtype=np.int64)
 
 
 def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -361,18 +376,20 @@ def _of_fields(
 def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
     """Field (rows, columns) of each scored cell that is seen, -1 for none; cells by class (n, n_classes), tile (n,).
 
-    One larger than a tile is a field in each.
+    One that tiles divide is a field in each: see `pixels_of`.
     """
     cells = np.flatnonzero((pixels.pixel >= 0) & scene.scored & (scene.cover < len(scene.categories)))
     unit = np.full(scene.shape, -1, dtype=np.int32)
     of_cell, at = scene.field_id.ravel()[cells], pixels.tile[pixels.pixel.ravel()[cells]]
-    small = _is_small(scene, side_m)[of_cell]
-    code = of_cell.astype(np.int64) + np.where(small, 0, (1 + at) * scene.n_fields)
+    large = large_fields(scene, side_m)
+    code = of_cell.astype(np.int64) + np.where(large[of_cell] >= 0, 0, (1 + at) * scene.n_fields)
     codes, first, own = np.unique(code, return_index=True, return_inverse=True)
     unit.ravel()[cells] = own
     counts = np.zeros((len(codes), len(scene.categories)), dtype=np.int32)  # as of pixels: kernels compile once
-    counts[np.arange(len(codes)), categories_of_fields(scene)[codes % scene.n_fields]] = np.bincount(own)
-    return unit, counts, at[first]
+    field = codes % scene.n_fields
+    counts[np.arange(len(codes)), categories_of_fields(scene)[field]] = np.bincount(own)
+    itself = len(pixels.keys) - 1 - large.max() + large[field]
+    return unit, counts, np.where(large[field] > 0, itself, at[first])
 
 
 def _on_pixels(

@@ -277,14 +277,26 @@ def test_zeros_take_the_least_power_among_the_pixels_with_cells():
     np.testing.assert_allclose(decibels(np.array([[0.01, 10.0]]), counts[:2]), [[-20.0, 10.0]])
 
 
-def test_a_small_field_belongs_to_the_tile_of_its_first_pixel() -> None:
+def test_a_small_field_belongs_to_the_tile_of_its_first_pixel_and_a_large_one_is_a_tile_but_for_one_divided() -> None:
     rng = np.random.default_rng(6)
     field, tile = rng.integers(-2, 30, 2000).astype(np.int32), rng.integers(0, 9, 2000)
-    small = rng.random(30) < 0.7
-    wanted, first = tile.copy(), {}
+    large = np.where(rng.random(30) < 0.7, 0, -1)
+    large[[4, 9, 17]] = 1, 2, 3
+    wanted, first = tile.copy(), {4: 9, 9: 10, 17: 11}
     for n, f in enumerate(field.tolist()):
-        if f >= 0 and small[f]:
+        if f >= 0 and large[f] >= 0:
             wanted[n] = first.setdefault(f, tile[n])
-    _keep_fields_whole(field, small, tile)
+    _keep_fields_whole(field, large, tile, 9)
     np.testing.assert_array_equal(tile, wanted)
     assert len(first) > 10
+
+
+def test_tiles_of_a_group_are_shared_between_the_halves() -> None:
+    rng = np.random.default_rng(2)
+    group = np.repeat([0.0, 1.0, 4.0, 7.0], [11, 2, 5, 1])
+    first = []
+    for _ in range(200):
+        half = halves(group + rng.random(19))
+        assert [int(half[group == one].sum()) for one in (0.0, 1.0, 4.0, 7.0)] == [5, 1, 2, 0]
+        first.append(half[group == 1.0][0])
+    assert 0.4 < np.mean(first) < 0.6

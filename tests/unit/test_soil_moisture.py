@@ -678,7 +678,7 @@ def test_what_lies_beside_small_bare_fields_does_not_outshine_them() -> None:
     for run in range(900, 906):
         found = simulate_radar(s, radar, load_sigma0_table().in_world(World(1979, run)), seed=1979, run_id=run)
         skills.append(score_moisture([found], s, SKILL, seed=1979, run_id=run).value)
-    assert np.mean(skills) > -0.3
+    assert np.mean(skills) > -0.6
 
 
 def test_several_dates_and_bands_are_scored_together() -> None:
