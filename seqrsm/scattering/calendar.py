@@ -147,6 +147,11 @@ def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
     return np.asarray((upper - lower) * (within - before) + lower)
 
 
+def bare_fields_db(channel: str, world: World | None) -> float:
+    """Standard deviation between fields of bare soil, whatever their crop, in a world [dB]."""
+    return _BARE_FIELDS_DB[channel == "HV"] * (world.field_factor(BARE_SOIL) if world is not None else 1.0)
+
+
 @lru_cache(maxsize=64)
 def level_days(frequency_ghz: float) -> FloatArray:
     """Weights (365,) of the days for which the tables' levels hold: the L-band flights', May to August from C band."""
@@ -216,7 +221,7 @@ class Calendar:
         even = np.array([row.group == "even" for row in rows])
         kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days) for row in rows]
         lasting, memory, shift = np.array(kept).reshape(-1, 3).T
-        bare_sd = _BARE_FIELDS_DB[cross] * (world.field_factor(BARE_SOIL) if world is not None else 1.0)
+        bare_sd = bare_fields_db(channel, world)
         return Course(years[0], years[1], years[2], years[3], lasting, memory, shift, even, bare_sd)
 
     def closed(self, category: str, day: float) -> float:

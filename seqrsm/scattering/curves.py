@@ -80,6 +80,8 @@ class Curve:
         Source and assumptions, without the category's name.
     kin : str
         Class of ground whose covers share part of what is not known of their means; "" for none.
+    soil_share : float
+        Part of it that is bare soil, in a season that leaves it bare.
     as_given : bool
         A user's own numbers, which `limit_db` leaves alone.
     mean_sd_db : float64 array (n_frequency, 3) or None
@@ -98,6 +100,7 @@ class Curve:
     status: Statuses
     notes: tuple[str, ...]
     kin: str = ""
+    soil_share: float = 0.0
     as_given: bool = False
     mean_sd_db: FloatArray | None = None
 

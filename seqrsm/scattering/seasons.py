@@ -57,6 +57,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     model = row.text("model")
     note = f"{row.text('season')}: {row.text('note')} ({row.text('status')}: {row.text('source')})"
     frequencies, wind = own.frequency_ghz, own.wind_m_s
+    share = float(own.category == BARE_SOIL)
     if model == "unchanged":
         status, value = own.status, own.value_db
     elif model == "ice":
@@ -85,6 +86,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         surface=surface,
         water=own.water and model != "ice",
         soil_rms_height_m=moist,
+        soil_share=share,
         status=status,
         notes=(*(own.notes if model != "ice" else ()), note),
     )
@@ -121,7 +123,9 @@ def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tupl
     return np.stack([(1.0 - r) ** 2 * volume for r in (reflected.h, reflected.v)]), two_way
 
 
-def under_snow(value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: float) -> tuple[FloatArray, str]:
+def under_snow(
+    value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: float
+) -> tuple[FloatArray, FloatArray, str]:
     """Backscatter of ground under snow.
 
     Parameters
@@ -135,25 +139,26 @@ def under_snow(value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: 
 
     Returns
     -------
-    float64 array (3, 91), str
-        sigma0 [dB]; what was assumed. Dry: the ground seen through the snow plus the snow's volume. Wet (3 percent
-        water): between the ground and Ulaby and Dobson's wet snow, by the snow's absorption.
+    float64 arrays (3, 91), str
+        sigma0 [dB]; the part of its power that comes from the ground; what was assumed. Dry: the ground seen through
+        the snow plus the snow's volume. Wet (3 percent water): between the ground and Ulaby and Dobson's wet snow, by
+        the snow's absorption.
     """
     if snow == "none" or depth_m <= 0.0:
-        return value_db, ""
+        return value_db, np.ones_like(value_db), ""
     ground = db_to_linear(value_db)
     if snow == "dry":
         volume, two_way = snow_volume(frequency_ghz, depth_m, _THETA)
         total = ground * two_way + np.stack([volume[0], np.zeros_like(volume[0]), volume[1]])
         note = f"under {100 * depth_m:g} cm of dry snow (computed: snow_iba; grain size assumed)"
-        return np.maximum(linear_to_db(total), FLOOR_DB), note
+        return np.maximum(linear_to_db(total), FLOOR_DB), ground * two_way / total, note
     eps = complex(permittivity_wet_snow_hallikainen86(frequency_ghz, _WET_SNOW_DENSITY, _WET_SNOW_PERCENT))
     absorption = 2.0 * wavenumber_rad_m(frequency_ghz) * np.sqrt(eps).imag
     inside = np.sqrt(1.0 - np.sin(_THETA) ** 2 / eps.real)
     two_way = np.exp(-2.0 * absorption * depth_m / inside)
     total = ground * two_way + db_to_linear(_wet_snow_db(frequency_ghz)) * (1.0 - two_way)
     note = f"under {100 * depth_m:g} cm of wet snow (public_code: dartstst; absorption with 3 percent water, assumed)"
-    return np.maximum(linear_to_db(total), FLOOR_DB), note
+    return np.maximum(linear_to_db(total), FLOOR_DB), ground * two_way / total, note
 
 
 def _wet_snow_db(frequency_ghz: float) -> FloatArray:

@@ -21,7 +21,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, on_day, share_of_c
+from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, bare_fields_db, on_day, share_of_c
 from seqrsm.scattering.coherence import Relation
 from seqrsm.scattering.curves import (
     MOISTURE_FELT,
@@ -53,6 +53,7 @@ _ROUGHNESS_NOTE: Final = (
     f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
     "angle, alike in all bands and on all dates (computed: baghdadi16)"
 )
+_BARE_NOTE: Final = "ground that is bare or under snow departs from the table as bare soil does (under snow: assumed)"
 _UNKNOWN_SD_DB: Final = 2.0
 _LEVEL_DEG = 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
@@ -97,6 +98,8 @@ class Sigma0Lookup:
         Correlation of the field-to-field draws of two channels.
     roughness_share : float64 array (n_categories,)
         Part of the standard deviation from field to field that is owed to roughness, at 40 deg; 0 but for bare soil.
+    closed : float64 array (n_categories,)
+        Share of the soil that is hidden; what is not, or is under snow, departs as bare soil does.
     course : Course or None
         How the categories go through the year, where a day was asked for.
     status : tuple of str
@@ -115,6 +118,7 @@ class Sigma0Lookup:
     status: tuple[str, ...]
     notes: tuple[str, ...]
     roughness_share: FloatArray
+    closed: FloatArray
     course: Course | None = None
 
     def of_fields_db(self, theta_deg: float) -> tuple[FloatArray, FloatArray]:
@@ -215,24 +219,30 @@ class Sigma0Table:
         frequency = float(frequency_ghz)
         state = _State(frequency, float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
         unknown = unknown_covers("backscatter", self.categories, self.file, categories)
-        world = self.world if day is None else None  # on a day it departs by the part of a cover that is closed
+        usual = day is None and (season, snow) == (DEFAULT_SEASON, "none")
+        world = self.world if usual else None  # else it departs by the part of a cover that is closed
         found = for_each(categories, lambda name: _evaluate(self._curve(name, season), channel, state, world), unknown)
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
+        closed = np.array([found[name].closed for name in names])
         through = None
-        if day is not None:
-            value, sd, through = self._on_day(names, found, channel, state, day)
+        if not usual:
+            value, sd, closed, through = self._over_soil(names, found, channel, state, season, day)
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
-        in_c = share_of_c(frequency)
+        in_c, hidden = share_of_c(frequency), closed if day is None else np.ones(len(names))  # of days: by the course
+        field_sd = np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names])
+        soil_sd = (
+            self.variability.get((BARE_SOIL, channel)) or _shipped_table().variability[BARE_SOIL, channel]
+        ).date_sd_db
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(value),
-            field_sd_db=np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names]),
-            date_sd_db=np.array([spread[name].date_sd_db for name in names]),
+            field_sd_db=hidden * field_sd + (1.0 - hidden) * bare_fields_db(channel, self.world),
+            date_sd_db=hidden * [spread[name].date_sd_db for name in names] + (1.0 - hidden) * soil_sd,
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
@@ -244,32 +254,45 @@ class Sigma0Table:
                 f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} "
                 "(computed: flevoland)",
                 *(self.calendar.notes(names, channel) if through else ()),
+                *((_BARE_NOTE,) if not through and (closed < 1.0).any() else ()),
             ),
+            closed=closed,
             course=through,
         )
 
-    def _on_day(
-        self, names: tuple[str, ...], found: Mapping[str, _Found], channel: str, state: _State, day: float
-    ) -> tuple[FloatArray, FloatArray, Course]:
-        """Values (n, 91) [dB] and standard deviations (n,) of means on a day, from those of no world, and the course.
+    def _over_soil(
+        self,
+        names: tuple[str, ...],
+        found: Mapping[str, _Found],
+        channel: str,
+        state: _State,
+        season: str,
+        day: float | None,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, Course | None]:
+        """Values (n, 91) [dB] and standard deviations (n,) of means, from those of no world; part that is closed (n,).
 
-        A world departs from them by the part of covers that are closed, and of bare soil.
+        Of a season, or on a day, with the course to it. A world departs from them by the part of covers that are
+        closed, and of bare soil.
         """
-        curve = self.curves.get((BARE_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[BARE_SOIL, DEFAULT_SEASON]
-        soil, ghz = _evaluate(curve, channel, state, None), state.frequency_ghz
+        own_soil = self.curves.get((BARE_SOIL, season))
+        soil = _evaluate(own_soil or _shipped_table().curves[BARE_SOIL, season], channel, state, None)
         kin = {name: item.kin for name, item in found.items()} | {BARE_SOIL: soil.kin}
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
-        bare_db = float(soil.value_db[_LEVEL_DEG])
-        through = self.calendar.course(names, kin, ghz, channel, value[:, _LEVEL_DEG], bare_db, self.world)
-        closed = on_day(through.closed, day)
+        closed, ghz, through = np.array([found[name].closed for name in names]), state.frequency_ghz, None
+        if day is not None:
+            bare_db = float(soil.value_db[_LEVEL_DEG])
+            through = self.calendar.course(names, kin, ghz, channel, value[:, _LEVEL_DEG], bare_db, self.world)
+            closed, value = on_day(through.closed, day), value + through.at_angles(day, THETA_DEG)
         sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
-        value = value + through.at_angles(day, THETA_DEG)
         if self.world is not None:
             of_soil = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
             for k, name in enumerate(names):
                 own = self.world.departure(name, kin[name], ghz, channel)
-                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related_covers(kin[name], soil.kin))
-        return value, np.hypot(sd, on_day(through.sd_db, day)), through
+                related = 1.0 if name == BARE_SOIL else related_covers(kin[name], soil.kin)
+                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related)
+        if day is not None and through is not None:
+            sd = np.hypot(sd, on_day(through.sd_db, day))
+        return value, sd, closed, through
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))
@@ -292,10 +315,14 @@ class _State(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a look-up finds of a category: sigma0 [dB] (91,), sd of its mean [dB], status, kin, if it is soil, notes."""
+    """What a look-up finds of a category: sigma0 [dB] (91,), sd of its mean [dB], status, kin, if it is soil, notes.
+
+    ``closed``: the part of it, at 40 deg, that is neither bare soil nor snow.
+    """
 
     value_db: FloatArray
     mean_sd_db: float
+    closed: float
     status: str
     kin: str
     soil: bool
@@ -313,7 +340,7 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) ->
 
 @lru_cache(maxsize=256)  # occasions of one world, and worlds in which other covers differ, ask for the same
 def _in_world(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
-    values, sds, statuses, notes = _of_all_channels(curve, state)
+    values, closed, sds, statuses, notes = _of_all_channels(curve, state)
     c = POLARIZATIONS.index(channel)
     at_channel, sd = values[c], sds[c]
     if np.isnan(at_channel).any():
@@ -321,14 +348,15 @@ def _in_world(curve: Curve, channel: str, state: _State, world: World | None) ->
         raise ScatteringDataError(text, "Add its rows at every frequency of the category", field="polarization")
     if world is not None and sd > 0.0:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
-    return _Found(at_channel, sd, statuses[c], curve.kin, curve.soil_rms_height_m is not None, notes)
+    soil = curve.soil_rms_height_m is not None
+    return _Found(at_channel, sd, closed[c], statuses[c], curve.kin, soil, notes)
 
 
 @lru_cache(maxsize=256)  # the channels of a run, and runs of one frequency, ask for the same
 def _of_all_channels(
     curve: Curve, state: _State
-) -> tuple[FloatArray, tuple[float, ...], tuple[str, ...], tuple[str, ...]]:
-    """Values (3, 91) of a curve at a state [dB], standard deviations of their means [dB], statuses and notes."""
+) -> tuple[FloatArray, tuple[float, ...], tuple[float, ...], tuple[str, ...], tuple[str, ...]]:
+    """Values (3, 91) of a curve at a state [dB], parts closed, s.d. of their means [dB], statuses and notes."""
     notes = list(curve.notes)
     value, sd, statuses = _at_frequency(curve, _at_wind(curve, state.wind_m_s), state.frequency_ghz, notes)
     if curve.soil_rms_height_m is not None and state.soil_moisture != curve.reference_moisture:
@@ -336,13 +364,15 @@ def _of_all_channels(
         statuses = ("assumed",) * 3  # the roughness is
     if curve.wind_m_s.size > 1:
         notes.append(f"wind {state.wind_m_s:.3g} m/s")
+    closed = np.full(len(POLARIZATIONS), 1.0 - curve.soil_share)
     if state.snow != "none" and curve.category not in _ABOVE_SNOW:
-        value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
+        value, from_ground, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
+        closed = closed * from_ground[:, _LEVEL_DEG]
         notes.append(note)
         statuses = tuple(weakest((status, "computed")) for status in statuses)
     limited = value if curve.as_given else limit_db(value, surface=curve.surface, water=curve.water)
     sds = tuple(math.hypot(_mean_sd_db(curve, channel, state.frequency_ghz), sd) for channel in POLARIZATIONS)
-    return limited, sds, statuses, tuple(notes)
+    return limited, tuple(closed.tolist()), sds, statuses, tuple(notes)
 
 
 def _mean_sd_db(curve: Curve, channel: str, frequency_ghz: float) -> float:

@@ -16,9 +16,9 @@ over one ground meet the same world on different occasions. Departures are norma
   correlation in some 45 days (assumed), less their mean over the days for which the level holds: there the course is
   known as well as the level is. Covers share it as they share departures of means: between two sites of C-band months
   0.13 (VV) and 0.39 (HV) of its variance is common to crops.
-* bare soil: where a crop leaves soil bare, its departures are the soil's, `over_soil`. From November to March maize and
-  winter wheat depart alike from one site of C-band months to another: by 1.0 (VV) and 0.5 dB (HV) rms more or less than
-  each other, from May to August by 2.5 and 3.3.
+* bare soil: where a crop leaves soil bare, its departures are the soil's, `over_soil`; under snow, too (assumed). From
+  November to March maize and winter wheat depart alike from one site of C-band months to another: by 1.0 (VV) and
+  0.5 dB (HV) rms more or less than each other, from May to August by 2.5 and 3.3.
 """
 
 from __future__ import annotations

@@ -124,6 +124,10 @@ class Lookup:
     channel_correlation: float = 0.0
     notes: tuple = ()
 
+    @property
+    def closed(self):
+        return np.ones_like(self.date_sd_db)
+
     def of_fields_db(self, theta_deg):  # noqa: ARG002
         return self.field_sd_db, np.zeros_like(self.field_sd_db)
 

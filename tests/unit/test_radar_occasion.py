@@ -25,6 +25,7 @@ def lookup(field_sd=(1.5, 0.5), date_sd=(2.0, 1.0), correlation=0.6):
         field_sd_db=np.array(field_sd),
         date_sd_db=np.array(date_sd),
         channel_correlation=correlation,
+        closed=np.ones(2),
         course=None,
         of_fields_db=lambda _: (np.array(field_sd), np.zeros(2)),
     )

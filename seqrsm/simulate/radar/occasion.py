@@ -151,7 +151,8 @@ def draw_occasion(
         draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
         sd, rough = lookup.of_fields_db(theta)
         if visit.day is None or lookup.course is None:
-            class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
+            date, soil = draw("date backscatter", n_categories), draw("date bare soil", 1)
+            class_offset[c] = lookup.date_sd_db * over_soil(date, soil, lookup.closed)
             deviation = sd[category] * draw.of_fields("field backscatter", category.size)
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, sd, category, visit, visit.day)
@@ -284,7 +285,7 @@ def met_occasion(
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
-    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index(radar.pair[0])], visit.day)
+    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index(radar.pair[0])])
     departure = at_angle(
         visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
@@ -299,10 +300,9 @@ def met_occasion(
 
 
 @cached_by_thread(maxsize=1)  # asked for by look-ups and by fields
-def _related(frequency_ghz: float, table: Sigma0Table, hh: Sigma0Lookup, day: float | None) -> Coherence:
-    """How HH and VV of the categories of a look-up are related on a day."""
-    closed = 1.0 if day is None or hh.course is None else on_day(hh.course.closed, day)
-    return coherence(hh.categories, frequency_ghz, table.world, closed, table.relations)
+def _related(frequency_ghz: float, table: Sigma0Table, hh: Sigma0Lookup) -> Coherence:
+    """How HH and VV of the categories of a look-up are related."""
+    return coherence(hh.categories, frequency_ghz, table.world, hh.closed, table.relations)
 
 
 def _added(
@@ -376,7 +376,7 @@ def look_up(
     if PHASE not in radar.channels:
         return found
     one, other = (found[radar.layers.index(channel)] for channel in radar.pair)
-    related = _related(radar.frequency_ghz, table, one, day)
+    related = _related(radar.frequency_ghz, table, one)
     mean = related.mean[:, None]
     if radar.pair == ("RH", "RV"):
         mean = circular(mean, *(find(channel).sigma0 for channel in ("HH", "HV", "VV")))
