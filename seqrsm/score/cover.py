@@ -46,7 +46,7 @@ def score_cover(
     Raises
     ------
     SceneError
-        No scored cell lies in the finest image, or none of the covers asked for.
+        No scored cell lies in the finest image, those of one cover alone, or none of the covers asked for.
     """
     evidence = evidence_of(images, scene, by=asked.by, seed=seed, run_id=run_id, known=known)
     return score_evidence(evidence, scene.categories, asked)
@@ -70,6 +70,9 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     by_tile = _at_false_alarms(evidence, laws, covers) if asked.name == "detection" else named(evidence, laws)
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
+    if np.count_nonzero(true) == 1:
+        text = f"all scored ground in the image is {categories[int(true.argmax())]}: there is nothing to tell apart"
+        raise SceneError(text, "Let the swath or the mask of scored cells hold more ground.", field="utility")
     if covers and not true[covers].any():
         raise SceneError(
             "no scored cell of these covers lies in the image", field="utility", value=", ".join(asked.covers)

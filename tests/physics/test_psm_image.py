@@ -273,7 +273,7 @@ def test_occasions_that_share_a_geometry_score_as_each_alone():
     lasting = [score(*case) for case in cases]
     alone = []
     for case in cases:
-        score(scene(rough(80, 60, 0.5), cover=np.zeros((80, 60))), fine, 9)
+        score(scene(rough(80, 60, 0.5), cover=np.indices((80, 60))[0] // 40), fine, 9)
         alone.append(score(*case))
     for one, other in zip(lasting, alone, strict=True):
         np.testing.assert_array_equal(one.confusion, other.confusion)

@@ -216,6 +216,15 @@ def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
     np.testing.assert_array_equal(again, fine)
 
 
+@pytest.mark.parametrize("name", ["percent_correct", "kappa", "worst_class_correct"])
+def test_an_image_of_one_cover_is_refused(name: str) -> None:
+    """A narrow swath over it scored 100 %, or nan."""
+    rows, _ = np.nonzero(SCENE.cover == 2)
+    one = replace(SCENE, scored=(SCENE.cover == 2) & (np.arange(160)[:, None] < rows.mean()))
+    with pytest.raises(SceneError, match="all scored ground in the image is Grass"):
+        score_cover([image(one)], one, Asked(name), **KEY)
+
+
 @pytest.mark.parametrize("by", ["pixel", "neighbourhood", "segment"])
 def test_tiles_that_hold_scored_cells_are_those_of_units_with_counts(by: str) -> None:
     unscored = replace(SCENE, scored=SCENE.scored & (np.arange(SCENE.shape[1]) < SCENE.shape[1] // 3))
