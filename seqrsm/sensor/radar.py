@@ -101,7 +101,9 @@ class RadarConfiguration:
     pulse_length_us : float
         Length of the transmitted pulse [us]; compression gains bandwidth x length.
     prf_hz : float
-        Pulses a second [Hz], all transmit polarizations together.
+        Pulses a second [Hz], all transmit polarizations together. More lessen the noise of a synthetic
+        aperture; that of a real one fluctuates as of one pulse a sample, which costs 2 points of percent correct at
+        most.
     speed_m_s : float
         Ground speed [m/s].
     noise_figure_db, loss_db : float
