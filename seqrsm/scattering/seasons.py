@@ -57,7 +57,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     model = row.text("model")
     note = f"{row.text('season')}: {row.text('note')} ({row.text('status')}: {row.text('source')})"
     frequencies, wind = own.frequency_ghz, own.wind_m_s
-    share = float(own.category == BARE_SOIL)
+    share = 0.0
     if model == "unchanged":
         status, value = own.status, own.value_db
     elif model == "ice":

@@ -181,6 +181,8 @@ def test_what_is_not_known_of_crops_that_do_not_stand_is_the_soils() -> None:
     apart, related = departures("winter", (*CROPS, "Bareground"))
     assert (apart < 0.35).all()
     assert (related > 0.99).all()
+    spring, fall = (load_sigma0_table().lookup(("Bareground",), 5.4, "HH", season=s) for s in ("spring_summer", "fall"))
+    np.testing.assert_array_equal(fall.of_fields_db(40.0), spring.of_fields_db(40.0))  # roughness and all
     apart, _ = departures("fall")
     assert (apart < 1.0).all()
 
