@@ -27,6 +27,7 @@ from seqrsm.score.evidence import (
     evidence_of,
     fields_of,
     in_one_field,
+    large_fields,
     layers_of,
     pixels_of,
 )
@@ -187,6 +188,25 @@ def test_large_fields_are_not_taught_what_they_are_tested_on(by: str) -> None:
         assert found.confusion.sum(axis=0).all()  # no cover is missing from what taught
         scores.append(found.value)
     assert np.mean(scores) < 31.0
+
+
+def test_a_field_is_large_by_its_cells_and_most_of_its_cover_by_those_that_are_scored() -> None:
+    scene = fields(side=40, n=160)
+    scene = replace(scene, cover=np.array([0, 0, 0, 1, *[2] * 12], dtype=np.uint8)[scene.field_id])
+    masked = replace(scene, scored=~np.isin(scene.field_id, (1, 2)) | (np.indices(scene.shape)[1] % 4 == 0))
+    for ground, first in ((scene, 1), (masked, -1)):
+        found = large_fields(ground, 250.0)
+        assert found[0] == first
+        assert found[3] == -1
+        np.testing.assert_array_equal(np.sort(found[found > 0]), np.arange(1, (found > 0).sum() + 1))
+    assert not large_fields(scene, 410.0).any()
+    # As units of ground they keep the tiles that they are, though a pixel at their edge is another's.
+    pixels = pixels_of(image(scene, 37.0), scene, **KEY)
+    large, whole = large_fields(scene, 250.0), len(pixels.keys) - 16
+    unit, _, tile = fields_of(pixels, scene, 250.0)
+    for field in np.flatnonzero(large > 0):
+        (own,) = np.unique(unit[(scene.field_id == field) & (unit >= 0)])
+        assert tile[own] == whole + large[field]
 
 
 def test_covers_of_two_large_fields_have_one_in_each_half() -> None:

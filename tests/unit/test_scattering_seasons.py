@@ -178,6 +178,8 @@ def test_what_is_not_known_of_crops_that_do_not_stand_is_the_soils() -> None:
     apart, related = departures("spring_summer")
     assert (apart > 1.5).all()
     assert (related[1:] < 0.75).all()
+    for depth_cm in (0.0, 4.0):  # and bare soil under snow as by itself
+        departures("winter", ("Bareground", "Wheat"), snow="wet", snow_depth_cm=depth_cm)
     apart, related = departures("winter", (*CROPS, "Bareground"))
     assert (apart < 0.35).all()
     assert (related > 0.99).all()
@@ -196,6 +198,8 @@ def test_fields_and_dates_of_bare_ground_depart_alike_whatever_was_sown() -> Non
     np.testing.assert_allclose(winter.closed, [0.05, 0.05, 0.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(winter.field_sd_db, 1.6, atol=0.1)
     np.testing.assert_allclose(winter.date_sd_db, 1.0, atol=0.1)
+    np.testing.assert_allclose(winter.mean_sd_db, winter.mean_sd_db[3], atol=0.1)  # frozen soil's
+    assert winter.mean_sd_db[3] > summer.mean_sd_db[3]
     given = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "season": "winter"}
     one = from_settings({"frequency": 5.4, "polarization": "HV", "resolution": 20.0, "depression_angle": 50.0}, given)
     met = [
