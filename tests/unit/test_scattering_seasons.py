@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -178,8 +180,6 @@ def test_what_is_not_known_of_crops_that_do_not_stand_is_the_soils() -> None:
     apart, related = departures("spring_summer")
     assert (apart > 1.5).all()
     assert (related[1:] < 0.75).all()
-    for depth_cm in (0.0, 4.0):  # and bare soil under snow as by itself
-        departures("winter", ("Bareground", "Wheat"), snow="wet", snow_depth_cm=depth_cm)
     apart, related = departures("winter", (*CROPS, "Bareground"))
     assert (apart < 0.35).all()
     assert (related > 0.99).all()
@@ -226,3 +226,14 @@ def test_nothing_is_seen_of_covers_under_deep_wet_snow(depth_cm: float) -> None:
         for snow in ("none", "dry")
     )
     np.testing.assert_allclose(dry.closed, clear.closed, atol=0.01)  # L band sees through
+
+
+def test_bare_soil_of_ones_own_departs_under_snow_as_without() -> None:
+    table, key = load_sigma0_table(), ("Bareground", "winter")
+    own = replace(table, curves={**table.curves, key: replace(table.curves[key], soil_share=0.0)})
+    found = [
+        own.in_world(World(3, k)).lookup(key[:1], 5.4, "VV", season="winter", snow="wet", snow_depth_cm=4.0)
+        for k in range(600)
+    ]
+    assert 0.3 < found[0].closed[0] < 0.7
+    assert np.std([linear_to_db(one.sigma0[0, 40]) for one in found]) == pytest.approx(found[0].mean_sd_db[0], rel=0.08)
