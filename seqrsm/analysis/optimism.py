@@ -61,7 +61,7 @@ def optimism(fitted: Fitted, point: FloatArray, rng: np.random.Generator) -> flo
 
     found = (1.0 - share) * _of_quadratic(surface, at, sign, noise(_SETS, rng), rng) if share < 1.0 else 0.0
     if process is not None:
-        found += share * _of_process(process, surface.fit.y, at, sign, noise(_OF_PROCESS, other))
+        found += share * _of_process(process, surface.fit.y, at[len(made) :], sign, noise(_OF_PROCESS, other))
     return float(sign * max(sign * found, 0.0))
 
 
@@ -74,7 +74,7 @@ def _of_quadratic(surface: Surface, at: FloatArray, sign: float, noise: FloatArr
         for covariance in (surface.error_covariance, surface.fit.covariance_unscaled[: rows.shape[1], : rows.shape[1]])
     )
     mean = rows @ surface.estimate
-    true, _ = _shrunk(mean, n, error)
+    true, _ = _shrunk(mean, mean[:n], error)
     later = np.isin(surface.data.purposes, _FOR_THE_OPTIMUM)
     if later.any():
         scatter = noise * np.sqrt(surface.fit.inflation * error / (of_unit * surface.fit.weights))
@@ -118,30 +118,34 @@ def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(coefficients @ rows.T)
 
 
-def _of_process(process: Process, y: FloatArray, at: FloatArray, sign: float, noise: FloatArray) -> float:
-    """The same of the process of scores ``y`` (n,), with all runs where they were."""
-    n, pull = noise.shape[1], process.some(_DRAWS).pull(at)
+def _of_process(process: Process, y: FloatArray, others: FloatArray, sign: float, noise: FloatArray) -> float:
+    """The same of the process of scores ``y`` (n,), with all runs where they were and these ``others`` beside them.
+
+    Runs lie at the process's places: of many runs those are fewer.
+    """
+    places, place = process.places
+    pull = process.some(_DRAWS).pull(np.vstack([places, others]))
 
     def means(scores: FloatArray) -> FloatArray:
         return np.asarray(process.centre + (scores - process.centre) @ pull)
 
     mean = means(y)
-    sd = np.sqrt(process.variance_of_runs)
-    told = means(np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise]))
+    of_runs, sd = mean[place], np.sqrt(process.variance_of_runs)
+    told = means(np.vstack([of_runs[None], np.full((1, len(y)), np.mean(of_runs)), of_runs + sd * noise]))
     same, flat, errors = told[0], told[1], told[2:] - told[0]
-    true, kept = _shrunk(mean, n, float(np.mean(np.var(errors[:, :n], axis=1))))
-    return _above(flat + kept * (same - flat) + errors, true, n, sign)
+    true, kept = _shrunk(mean, of_runs, float(np.mean(np.var(errors[:, place], axis=1))))
+    return _above(flat + kept * (same - flat) + errors, true, len(places), sign)
 
 
-def _shrunk(mean: FloatArray, n: int, error: float) -> tuple[FloatArray, float]:
-    """Means (m,) nearer to that over the first ``n``, the runs, whose variance includes ``error``; and the factor."""
-    level, varies = float(np.mean(mean[:n])), float(np.var(mean[:n]))
+def _shrunk(mean: FloatArray, of_runs: FloatArray, error: float) -> tuple[FloatArray, float]:
+    """Means (m,) nearer to that over the runs, whose variance includes ``error``; and the factor."""
+    level, varies = float(np.mean(of_runs)), float(np.var(of_runs))
     kept = max(1.0 - error / varies, 0.0) if varies > 0.0 else 0.0
     return level + kept * (mean - level), kept
 
 
 def _above(told: FloatArray, true: FloatArray, n: int, sign: float) -> float:
-    """Mean of told less true where each set (a row of ``told``) has its best place; the first ``n`` are runs."""
+    """Mean of told less true where each set (a row of ``told``) has its best place; the first ``n`` are of runs."""
     chosen = n + np.argmax(sign * told[:, n:], axis=1)
     return float(np.mean(told[np.arange(len(told)), chosen] - true[chosen]))
 

@@ -454,6 +454,11 @@ class Process:
         of_places = self.scatter**2 * np.mean(self._variances(self.hyper), axis=0)
         return np.asarray(of_places[self._place] / self._weights)
 
+    @property
+    def places(self) -> tuple[FloatArray, IntArray]:
+        """Coded points (p, k) that runs count at, and the number (n,) of each run's."""
+        return self._points, self._place
+
     def _given(self, some: slice, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m), and for each draw the root (m, n) of what the scores take off the variances there."""
         means: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha[some])

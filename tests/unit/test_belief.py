@@ -359,11 +359,19 @@ def test_means_of_new_scores_are_linear_in_them_and_those_of_the_runs_are_the_pr
     np.testing.assert_allclose(found[2], 0.25 * found[0] + 0.75 * found[1], rtol=1e-9)
 
 
-def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Analysis) -> None:
-    """Against the best on a grid under each of other new scores, on a table; a narrow top leaves nothing to choose."""
-    points = np.round(spread(40, 2), 3)
-    y = 50.0 + 35.0 / (1.0 + np.exp(8.0 * np.sum(points**2, axis=1) - 8.0)) + 2.0 * NOISE[:40]
+@pytest.mark.parametrize("n", [40, 240])
+def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Analysis, monkeypatch, n: int) -> None:
+    """Against the best on a grid under each of other new scores, on a table; a narrow top leaves nothing to choose.
+
+    Of many runs by the fewer places that they count at: arrays of all runs by all runs took 7 GB of 20,000.
+    """
+    monkeypatch.setattr("seqrsm.fit.process.MOST_SETTINGS", 60)
+    asked, pull = [], Process.pull
+    monkeypatch.setattr(Process, "pull", lambda self, at: asked.append(len(at)) or pull(self, at))
+    points = np.round(spread(n, 2), 3)
+    y = 50.0 + 35.0 / (1.0 + np.exp(8.0 * np.sum(points**2, axis=1) - 8.0)) + 2.0 * NOISE[:n]
     analysis = analysed(tmp_path / "c", TWO, points, y)
+    assert asked == [min(n, 60) + 651]
     best, departure, made = analysis.optimum, analysis.fitted.departure, analysis.fitted.data.points
     process, share, fit = departure.process, departure.probability, analysis.fit
     assert process is not None
@@ -379,11 +387,11 @@ def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Ana
     sd = np.sqrt((1.0 - share) * fit.s**2 + share * noise)
     mean = analysis.fitted.mean(at)
     errors = sd * np.random.default_rng(8).standard_normal((800, len(made)))
-    scatter = (told(mean[:40] + errors) - told(mean[None, :40]))[:, :40]
-    kept = 1.0 - np.mean(np.var(scatter, axis=1)) / np.var(mean[:40])
-    true = np.mean(mean[:40]) + kept * (mean - np.mean(mean[:40]))
-    new = told(true[:40] + errors)[:, 40:]
-    above = new.max(axis=1) - true[40:][np.argmax(new, axis=1)]
+    scatter = (told(mean[:n] + errors) - told(mean[None, :n]))[:, :n]
+    kept = 1.0 - np.mean(np.var(scatter, axis=1)) / np.var(mean[:n])
+    true = np.mean(mean[:n]) + kept * (mean - np.mean(mean[:n]))
+    new = told(true[:n] + errors)[:, n:]
+    above = new.max(axis=1) - true[n:][np.argmax(new, axis=1)]
     error = np.std(above) * np.sqrt(1.0 / 200 + 1.0 / 800)
     assert 0.0 < best.optimism == pytest.approx(np.mean(above), abs=4 * error)
     there = float(analysis.fitted.mean(best.point[None, :])[0])
