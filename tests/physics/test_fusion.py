@@ -1,4 +1,4 @@
-"""Several images scored together: against scipy's Gaussians, and against fields that forget themselves."""
+"""Several images scored together: against scipy's Gaussians, and against single images."""
 
 from __future__ import annotations
 
@@ -186,25 +186,6 @@ def test_dates_and_bands_add_up_and_do_not_depend_on_their_order() -> None:
     assert three > one + 3.0
     assert both > max(three, score(other)) + 1.0
     assert score([*other, *dates(3)]) == pytest.approx(both, abs=0.3)
-
-
-def test_fields_that_forget_themselves_would_make_dates_look_better(monkeypatch) -> None:
-    """Grasslands, whose fields stay what they are: ground drawn anew each date would tell them apart by averaging.
-
-    What a date does to all fields of a cover is left out here: it tells covers apart, and rightly.
-    """
-    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
-        monkeypatch.setattr(occasion, name, value)
-    grass = replace(SCENE, categories=("Grass", "Hay", "Forage", "Scrub"))
-    days = tuple(130.0 + 20.0 * k for k in range(6))
-    even = radar(1.25, texture_db=0.0)  # in L band fields of all four differ about as much, which tells them apart, too
-    kept, anew = [], []
-    for run in range(1, 4):
-        same = [image(even, Visit(days, k), run, grass) for k in range(6)]
-        other = [image(even, Visit((day,)), 100 * run + k, grass) for k, day in enumerate(days)]
-        for found, images in ((kept, same), (anew, other)):
-            found.append(percent_correct(images, grass, seed=2, run_id=run).value)
-    assert np.mean(anew) > np.mean(kept) + 1.5
 
 
 def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:

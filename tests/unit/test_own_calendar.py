@@ -137,18 +137,24 @@ def test_deviations_that_are_not_stated_are_those_of_the_least_known_shipped_cou
     assert np.sqrt((shipped.sd_db**2).mean(axis=1)).max() == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("difference", [0.0, 3.0])
-def test_two_crops_a_known_difference_apart_are_told_apart_as_often_as_two_gaussians(tmp_path, monkeypatch, difference):
-    """Of equal levels and 1.5 dB from field to field: right in norm.cdf(difference / 3 dB) of the fields."""
+def two_crops(tmp_path, monkeypatch, levels_db, rows):
+    """A table of two crops of 1.5 dB from field to field, with courses, and nothing else that a date does to them."""
     for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
         monkeypatch.setattr(occasion, name, value)
     own = tmp_path / "own.csv"
-    header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd\n"
-    levels = [f"sigma0,{name},5.4,VV,{t},-10,dB,measured,me,1.5\n" for name in ("Soybean", "Sorghum") for t in (20, 60)]
-    own.write_text(header + "".join(levels))
+    lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd\n"]
+    for name, level in levels_db.items():
+        lines += [f"sigma0,{name},5.4,VV,{theta},{level},dB,measured,me,1.5\n" for theta in (20, 60)]
+    own.write_text("".join(lines))
+    return replace(load_sigma0_table(own), calendar=calendar(tmp_path, rows))
+
+
+@pytest.mark.parametrize("difference", [0.0, 3.0])
+def test_two_crops_a_known_difference_apart_are_told_apart_as_often_as_two_gaussians(tmp_path, monkeypatch, difference):
+    """Of equal levels and 1.5 dB from field to field: right in norm.cdf(difference / 3 dB) of the fields."""
     rows = [("sigma0", "Soybean", 5.4, "VV", d, 0.0, 0.5) for d in (1, 200)]
     rows += [("sigma0", "Sorghum", 5.4, "VV", d, v, 0.5) for d, v in ((100, 3.0), (200, 3.0), (250, 0.0), (350, 0.0))]
-    table = replace(load_sigma0_table(own), calendar=calendar(tmp_path, rows))
+    table = two_crops(tmp_path, monkeypatch, {"Soybean": -10.0, "Sorghum": -10.0}, rows)
     scene, visit = fields(("Soybean", "Sorghum")), Visit((150.0 if difference else 300.0,))
     still = radar(texture_db=0.0, looks=150)
     got = []
@@ -156,6 +162,26 @@ def test_two_crops_a_known_difference_apart_are_told_apart_as_often_as_two_gauss
         image = simulate_radar(scene, still, table, seed=2, run_id=k, visit=visit)
         got.append(percent_correct([image], scene, by="field", seed=2, run_id=k).value)
     assert np.mean(got) == pytest.approx(100.0 * norm.cdf(difference / 3.0), abs=2.5)
+
+
+def test_fields_that_forget_themselves_would_make_dates_look_better(tmp_path, monkeypatch) -> None:
+    """Six dates of six days of crops 1.5 dB apart tell fields hardly better than one; drawn anew, as a mean of six."""
+    rows = [("sigma0", name, 5.4, "VV", d, 0.0, 0.5) for name in ("Soybean", "Sorghum") for d in (1, 200)]
+    table = two_crops(tmp_path, monkeypatch, {"Soybean": -10.0, "Sorghum": -8.5}, rows)
+    scene, still = fields(("Soybean", "Sorghum")), radar(texture_db=0.0, looks=150)
+    days = tuple(150.0 + k for k in range(6))
+
+    def right(visits, run) -> float:
+        images = [simulate_radar(scene, still, table, seed=2, run_id=key, visit=visit) for key, visit in visits]
+        return percent_correct(images, scene, by="field", seed=2, run_id=run).value
+
+    runs = range(1, 9)
+    one = [right([(run, Visit(days[:1]))], run) for run in runs]
+    kept = [right([(run, Visit(days, k)) for k in range(6)], run) for run in runs]
+    anew = [right([(100 * run + k, Visit((day,))) for k, day in enumerate(days)], run) for run in runs]
+    assert np.mean(one) == pytest.approx(100.0 * norm.cdf(0.5), abs=2.5)
+    assert np.mean(kept) < np.mean(one) + 4.0
+    assert np.mean(anew) == pytest.approx(100.0 * norm.cdf(0.5 * np.sqrt(6.0)), abs=2.5)
 
 
 def wrong(tmp_path, text):
