@@ -20,7 +20,7 @@ from seqrsm.analysis.runs import (
 )
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import surface_of
-from seqrsm.design.factors import settings_text
+from seqrsm.design.factors import CategoricalFactor, settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.estimability import SETTINGS_KNOWN, missing_runs
@@ -97,8 +97,21 @@ def fit_surface(spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale) -> L
             tolerance=SETTINGS_KNOWN,
         )
     except AliasedError as error:
-        remedy = _remedy(spec, data, "Add runs", n_aliased=error.n_dependent)
-        raise FitError(replace(error.problems[0], remedy=remedy)) from None
+        problem = replace(error.problems[0], remedy=_remedy(spec, data, "Add runs", n_aliased=error.n_dependent))
+        if unseen := _unseen_levels(spec, data):
+            problem = replace(problem, message=f"no run has a score yet at {', '.join(unseen)}")
+        raise FitError(problem) from None
+
+
+def _unseen_levels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
+    """Levels of categorical factors at which no run was scored: added to the campaign since."""
+    return [
+        f"{factor.name} {level}"
+        for factor, column in zip(spec.factors, data.points.T, strict=True)
+        if isinstance(factor, CategoricalFactor)
+        for code, level in enumerate(factor.levels)
+        if code not in column
+    ]
 
 
 def _remedy(spec: CampaignSpec, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0) -> str:

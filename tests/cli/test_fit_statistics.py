@@ -450,6 +450,19 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
     assert np.all(np.isfinite(of(fit(folder))))
 
 
+def test_a_level_added_since_is_named_in_place_of_all_its_terms(tmp_path: Path) -> None:
+    rows = [{"x": float(i % 3 * 5), "pol": "HV"[i % 2], "score": 50.0 + i % 5} for i in range(12)]
+    factor = X + '[[factor]]\nname = "pol"\nlevels = ["H", "V"]\n'
+    folder = make(tmp_path / "c", factor, rows)
+    assert command("fit", folder)[0] == 0
+    path = folder / "campaign.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace('["H", "V"]', '["H", "X", "V"]'), encoding="utf-8")
+    code, _, output = command("fit", folder)
+    assert code == 2
+    flat = " ".join(output.split())
+    assert "no run has a score yet at pol X. Add runs; 2 at these settings would suffice: x " in flat
+
+
 def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     folder = make(tmp_path / "c", X + FREQUENCY, [{"x": 5.0, "frequency": 4.0, "score": 50.0 + i} for i in range(7)])
     code, _, output = command("fit", folder)  # all runs at one point
