@@ -191,7 +191,26 @@ def test_a_run_on_a_new_day_is_told_beside_one_on_the_average_day(tmp_path, effe
     if told:
         new = analysis.blocks.new.prediction
         assert new.half_width > 1.5 * analysis.optimum.prediction.half_width
-        assert f"in a new block {format_range(new.low, new.high, 1)}" in detail
+        assert f"in a new block, by the quadratic alone, {format_range(new.low, new.high, 1)}" in detail
+
+
+def test_a_run_on_a_new_day_is_not_told_more_surely_than_one_on_the_average_day(tmp_path):
+    """Of 12 runs for 11 terms the restricted likelihood leaves 3 degrees of freedom, the fit with constants 1."""
+    points = [(-1, -1), (0, 0), (-1, 1), (0.3, 1), (0.4, -1), (1, 0), (-0.4, -1), (-0.3, 1), (-0.2, 0), (0.5, 0.6)]
+    points = np.array(points, dtype=float)
+    rest = '[model]\nblock = "day"\n'
+    days = [f"day {i // 4}" for i in range(10)]
+    made = campaign(
+        tmp_path / "c",
+        specification(numeric(2), rest=rest),
+        points,
+        bowl(points) + NOISE[:10],
+        source="flight",
+        block=days,
+    )
+    (analysis,) = made.analyse_all(n_draws=400, thorough=True)
+    assert analysis.blocks.new.prediction.half_width < analysis.optimum.prediction.half_width
+    assert summary(analysis, made.spec)[1]["One future run"][1].endswith("average block; in a new block no narrower")
 
 
 def test_a_number_that_is_no_longer_a_factor_is_told_by_its_range(tmp_path):

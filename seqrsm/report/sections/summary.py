@@ -41,6 +41,7 @@ from seqrsm.report.wording import (
     listing,
     loss_text,
     mean_text,
+    model_name,
     no_error_estimate,
     optimum_setting_text,
     readable,
@@ -212,7 +213,10 @@ def _new_block(analysis: Analysis) -> str:
         or not isinstance(analysis.blocks.new, BlockResponse)
     ):
         return ""
-    return f" in the average block; in a new block {interval_text(analysis, analysis.blocks.new.prediction)}"
+    new = analysis.blocks.new.prediction  # of the quadratic alone, with the variance of blocks
+    wider = new.half_width > analysis.optimum.prediction.half_width
+    ends = f", by the {model_name(analysis)} alone, {interval_text(analysis, new)}" if wider else " no narrower"
+    return f" in the average block; in a new block{ends}"
 
 
 def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
