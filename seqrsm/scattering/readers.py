@@ -31,6 +31,8 @@ COVER: Final = "cover"
 
 _MAX_BYTES: Final = 50_000_000
 
+_DECIMAL_COMMA: Final = re.compile(r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$")
+
 T = TypeVar("T")
 
 
@@ -100,7 +102,8 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     Parameters
     ----------
     path : str or Path
-        The file: UTF-8 with or without byte-order mark, comma-separated.
+        The file: UTF-8 with or without byte-order mark, cells separated by commas, or by semicolons or tabs, where
+        decimals may have commas.
     required, optional : sequence of str
         Columns that must and may be there; others are refused.
 
@@ -123,9 +126,6 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
         raise ScatteringDataError("the table is empty", f"Columns: {', '.join(required)}", file=file)
     (first, cells), *rows = lines
     header = [name.strip() for name in cells]
-    if len(header) == 1 and re.search(r"[;\t]", header[0]):
-        message, remedy = "the cells are not separated by commas", "Separate them by commas; decimals have points"
-        raise ScatteringDataError(message, remedy, file=file, line=first)
     known = [*required, *optional]
     problems = [Problem("the column is missing", "", file, first, name) for name in required if name not in header]
     remedy = f"Known: {', '.join(known)}"
@@ -167,10 +167,13 @@ def numbers_of(name: str, columns: Sequence[str]) -> FloatArray:
 
 
 def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is neither empty nor a comment."""
+    """Line number and cells of each line that is neither empty nor a comment; the first tells what separates cells."""
+    delimiter = ""
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip() and not line.startswith("#"):
+            delimiter = delimiter or max(",;\t", key=line.count)
             try:
-                yield number, next(csv.reader([line], strict=True))
+                cells = next(csv.reader([line], strict=True, delimiter=delimiter))
             except csv.Error as error:
                 raise ScatteringDataError(f"not a CSV line: {error}", "", file=file, line=number) from error
+            yield number, cells if delimiter == "," else [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]

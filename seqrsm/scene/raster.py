@@ -255,7 +255,9 @@ def _legend_rows(file: str) -> list[tuple[int, dict[str, Any]]]:
         numbers, header = list(kept), next(iter(kept.values()), "")
         reader = csv.DictReader(kept.values(), delimiter=max(",;\t", key=header.count))
         rows = [(numbers[reader.line_num - 1], row) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise SceneError("cannot read the legend: not UTF-8 text", "Save it as UTF-8", file=file) from error
+    except (OSError, csv.Error) as error:
         raise SceneError(f"cannot read the legend: {error}", file=file) from error
     if not {"code", "category"} <= set(reader.fieldnames or ()):
         raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)

@@ -79,7 +79,7 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
     for line, cells in table.rows:
         given = list(cells)
         cover = given.pop(place).strip() if place < len(cells) else ""
-        row = np.array([_number(cell) for cell in given])
+        row = np.array([_number(cell, table.delimiter) for cell in given])
         for label, cell, share in zip(labels, given, row, strict=False):
             if not 0.0 <= share < np.inf:
                 remedy = "Use a decimal point." if "," in cell else _NUMBERS
@@ -101,9 +101,10 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
     return KnownMap(tuple(labels), np.array([rows[name] / rows[name].sum() for name in categories]))
 
 
-def _number(text: str) -> float:
+def _number(text: str, delimiter: str) -> float:
+    """A number, whose decimals may have a comma where commas do not separate cells; nan if it is none."""
     try:
-        return float(text)
+        return float(text if delimiter == "," else text.replace(",", "."))
     except ValueError:
         return np.nan
 

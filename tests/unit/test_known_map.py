@@ -31,7 +31,7 @@ def test_a_table_is_read_as_shares_of_each_cover(tmp_path: Path) -> None:
     known = load_known_map(written(tmp_path), ("Corn", "Wheat"))
     assert known.labels == ("wheat", "maize", "cloud")
     np.testing.assert_allclose(known.share, [[0.2, 0.6, 0.2], [0.6, 0.2, 0.2]])
-    semicolons = TABLE.replace(",", ";")
+    semicolons = TABLE.replace(",", ";").replace("60", "60,0")  # of a spreadsheet, with decimal commas
     np.testing.assert_array_equal(load_known_map(written(tmp_path, semicolons), ("Corn", "Wheat")).share, known.share)
     # What was never seen is not ruled out.
     vegetables = load_known_map(tmp_path / "map.csv", ("Vegetables",))

@@ -185,6 +185,12 @@ def test_codes_without_a_category_and_bad_legends(files, tmp_path):
             import_scene(**files)
 
 
+def test_a_legend_that_is_not_utf_8_says_what_to_do(files):
+    files["legend"].write_bytes("code,category,note\n1,Trees,Bäume\n".encode("cp1252"))
+    with pytest.raises(SceneError, match=r"legend: not UTF-8 text\. Save it as UTF-8"):
+        import_scene(**files)
+
+
 def test_files_that_are_no_rasters(files, tmp_path):
     bad = tmp_path / "bad.tif"
     for content in (None, b"not a tiff", b""):
