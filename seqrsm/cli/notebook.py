@@ -242,6 +242,8 @@ class Campaign:
         begun = all(run.purpose != "start" for run in runs)
         if begun and all(look is not None and look.summary["held"] for look in looked):
             found.append("the stop rule is met: it asks for none of these runs")
+        if begun and any(one.utility == "rank" for one in self.spec.applications):
+            found.append("have these images ranked along with some earlier ones, or they will have no score")
         return found
 
     def propose(self, n: int | None = None, *, source: str | None = None) -> DataFrame:

@@ -350,7 +350,7 @@ def test_zero_stays_where_it_was_when_better_images_are_ranked(ranked):
     start = [run["run_id"] for run in ranked.runs()]
     order = " ".join(map(str, start))
     ranked.ingest(ranking_file(ann=order, bob=order))
-    ranked.call("propose", "-n", "2")
+    assert "ranked along with some earlier ones" in ranked.call("propose", "-n", "2")
     better = [run["run_id"] for run in ranked.runs()[len(start) :]]
     told = ranked.ingest(ranking_file(cy=" ".join(map(str, [*better, *start]))), name="more.csv")
     assert "Zero is the mean of the first batch." in told
