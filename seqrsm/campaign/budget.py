@@ -47,6 +47,8 @@ class Surfaces:
         In words.
     logit : bool
         That scale is the logit of percent scores; else that of the scores.
+    at_best : float
+        Standard deviation of a future run at the optimum, where the ground was simulated, over ``noise``.
     """
 
     model: QuadraticModel
@@ -54,6 +56,7 @@ class Surfaces:
     noise: float
     source: str
     logit: bool = False
+    at_best: float = 1.0
 
     def scores(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
@@ -261,8 +264,9 @@ class Budget:
             fitted, h = fitted + across * (gain * apart), h - across**2 * gain
             rss = rss + np.sum((each - each.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)
-        rule = replace(self.rule, max_runs=n)
-        width = rule.width(np.sqrt(rss / (n - p)), n - terms, h[at, every] * slope[at, every] ** 2)
+        rule, ratio = replace(self.rule, max_runs=n), self.known.at_best
+        h_there = h[at, every] * (slope[at, every] / ratio) ** 2
+        width = rule.width(ratio * np.sqrt(rss / (n - p)), n - terms, h_there)
         loss = np.maximum(self._best - sign * self.known.scores(truth[at, every]), 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 

@@ -382,8 +382,10 @@ def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
     """By the scores so far, where there are any."""
     if analysis is None or not analysis.fitted.surface.s > 0.0:
         return found
-    share = found.share if analysis.fitted.ground is None else analysis.fitted.ground_share
-    source = f"residuals of {analysis.fit.n_runs} scored runs"
+    ground, source = analysis.fitted.ground, f"residuals of {analysis.fit.n_runs} scored runs"
+    share = found.share if ground is None else ground.share
+    if ground is not None and analysis.fitted.run_ratio != 1.0:
+        source = f"{ground.n_simulations} simulations near the optimum, in {ground.n_worlds} draws of the tables"
     return _Scatter(analysis.sd_of_run, share, analysis.fitted.surface.df_residual, source)
 
 
@@ -479,7 +481,8 @@ def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter,
     if analysis is not None and analysis.fitted.surface.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
-        return Surfaces(analysis.model, draws.terms, analysis.sd_of_run, source, logit)
+        ratio, at_best = math.sqrt(analysis.fitted.run_ratio), analysis.sd_of_run
+        return Surfaces(analysis.model, draws.terms, at_best / ratio, source, logit, ratio)
     if np.isfinite(spread):
         source = "random quadratics with the variation over the region of these simulations"
     elif prior is not None and prior.utility is not None:

@@ -296,7 +296,9 @@ def test_check_tells_of_all_its_simulations(tiny, monkeypatch) -> None:
 def test_check_tells_the_scatter_and_the_ground_that_the_scores_tell(copy) -> None:
     """And what future runs at the recommended settings scatter by, of which table uncertainty has a share."""
     told, best = json.loads(ok("check", copy, "--json")), json.loads(ok("fit", copy, "--json"))["optimum"]
-    assert told["noise_source"].startswith("residuals of ")
+    ground = best["ground"]
+    simulations = f"{ground['n_simulations']} simulations near the optimum, in {ground['n_worlds']} draws of the tables"
+    assert told["noise_source"] == simulations
     assert told["ground_share"] == best["ground"]["share_of_variance"]
     assert told["noise"] == pytest.approx(np.hypot(best["ground"]["sd_ground"], best["ground"]["sd_chance"]))
 

@@ -111,6 +111,19 @@ def test_as_a_campaign_really_went(runs: int, half_width: float) -> None:
     assert plans[0].half_width == pytest.approx(half_width, rel=0.25)
 
 
+def test_settings_are_found_by_runs_that_scatter_as_runs_do_not_as_those_at_the_optimum() -> None:
+    """Half as much scatter there halves the floor of the interval, and no loss: `check` told a fifth of the loss."""
+    known = random_surfaces(REGION, 4.0, 6.0, "", 1)
+    rule = StopRule(half_width=1.0, max_runs=60)
+    alike, calmer, surer = (
+        asked(REGION, rule, one)[0][0]
+        for one in (known, replace(known, at_best=0.5), random_surfaces(REGION, 2.0, 6.0, "", 1))
+    )
+    assert calmer.loss == alike.loss > 1.5 * surer.loss
+    mean = np.sqrt(alike.half_width**2 - (4.0 * student.ppf(0.975, 54)) ** 2)
+    assert calmer.half_width == pytest.approx(np.hypot(2.0 * student.ppf(0.975, 54), mean), rel=0.05)
+
+
 def test_numbers_of_runs_differ_by_what_more_runs_give_not_by_chance() -> None:
     known = random_surfaces(REGION, 2.0, 6.0, "", 1)
     budget = Budget(REGION, 2, "maximize", StopRule(half_width=1.0, max_runs=99), known, REGION.centre(), 1)
