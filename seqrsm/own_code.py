@@ -25,6 +25,12 @@ def file_of(name: str) -> str:
     return module if module.endswith(".py") else ""
 
 
+def import_remedy(error: BaseException) -> str:
+    """What to do about an error of `own_function`: the module is not found, or it is wrong."""
+    lacking = isinstance(error, ModuleNotFoundError)
+    return "Put its module beside campaign.toml, or install its package." if lacking else "Correct the module."
+
+
 def own_function(name: str) -> Callable[..., Any]:
     """The function called ``name``, "package.module:function" or "path/of/module.py:function".
 

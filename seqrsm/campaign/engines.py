@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.errors import SpecError, UserError
-from seqrsm.own_code import own_function
+from seqrsm.own_code import import_remedy, own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -201,8 +201,7 @@ def find_utility(name: str) -> Callable[..., Any]:
         return own_function(name)
     except (Exception, SystemExit) as error:  # the user's module may do anything
         text = f"the utility cannot be imported: {_words(error)}"
-        remedy = "Put its module beside campaign.toml, or install its package."
-        raise SpecError(text, remedy, field=_FIELD, value=name) from error
+        raise SpecError(text, import_remedy(error), field=_FIELD, value=name) from error
 
 
 def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:

@@ -105,6 +105,23 @@ def test_a_module_that_ends_the_program_when_it_is_imported_is_told(own) -> None
     assert "the utility cannot be imported: SystemExit: 0" in call("run", folder, code=2)
 
 
+@pytest.mark.parametrize(
+    ("name", "body", "remedy"),
+    [
+        ("nowhere:score", "return 1.0", "Put its module beside campaign.toml, or install its package."),
+        ("mine:other", "return 1.0", "Correct the module."),  # it was told to put the module where it is
+        ("mine:score", "return = 3", "Correct the module."),
+    ],
+)
+def test_a_module_that_is_wrong_is_not_told_to_be_elsewhere(own, name: str, body: str, remedy: str) -> None:
+    folder = own(body)
+    path = folder / "campaign.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace("mine:score", name), encoding="utf-8")
+    told = call("check", folder, code=2)
+    assert remedy in told
+    assert told.count("module beside") == (name == "nowhere:score")
+
+
 def test_a_utility_of_other_arguments_is_told_which_it_takes(own) -> None:
     """It was told to see a line of ours."""
     folder = own("return 1.0")

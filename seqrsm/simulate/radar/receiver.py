@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError
-from seqrsm.own_code import own_function
+from seqrsm.own_code import import_remedy, own_function
 from seqrsm.sensor.radar import PHASE, RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 
@@ -96,8 +96,7 @@ def named_function(field: str, name: str) -> Transfer:
         function: Transfer = own_function(name)
     except (Exception, SystemExit) as error:  # the user's module may do anything
         text = f"the function cannot be imported: {type(error).__name__}: {error}"
-        remedy = "Put its module beside campaign.toml, or install its package"
-        raise ConfigurationError(text, remedy, field=field, value=name) from error
+        raise ConfigurationError(text, import_remedy(error), field=field, value=name) from error
 
     def stage(power: FloatArray) -> FloatArray:
         try:
