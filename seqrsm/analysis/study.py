@@ -96,7 +96,7 @@ def term_test(analysis: Analysis, asked: str) -> TermTest:
             raise UserError(
                 "no term, factor or group of this name",
                 f"Factors: {factors}. Groups: {', '.join(GROUPS)}. Terms: {', '.join(fit.names)}.",
-                field="--test",
+                field="test",
                 value=name,
             )
         chosen.update(found)

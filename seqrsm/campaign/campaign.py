@@ -166,12 +166,12 @@ class Campaign:
         """
         source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
-            raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
+            raise UserError("no such source", 'Use "simulation", "flight" or "best".', field="source", value=source)
         if csv is not None:  # known before any run is issued
             see_free(csv)
             if source == "simulation":
                 message = "these runs are to be simulated, and a form is for flights"
-                raise UserError(message, "Add --source flight, or leave out --csv.", field="--csv", value=str(csv))
+                raise UserError(message, "Add --source flight, or leave out --csv.", field="csv", value=str(csv))
         records: tuple[RunRecord, ...] | None = None
         while records is None:  # where another process decided meanwhile, choose again from what there is now
             self.store.mark()

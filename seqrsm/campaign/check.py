@@ -20,6 +20,7 @@ from seqrsm.analysis.conclude import as_found, stop_rule
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.runs import see_names
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
@@ -468,6 +469,7 @@ def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
         store.verify()
         if spec.simulator is not None:
             see_experiment(store, spec, note=False)
+        see_names(spec, store.runs())
         for one in spec.applications:
             with suppress(FitError):
                 (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)

@@ -160,11 +160,11 @@ def simulated(
         made = task.acquisitions
         if not 1 <= number <= len(made):
             labels = ", ".join(f"{i} {one.label}".rstrip() for i, one in enumerate(made, start=1))
-            raise UserError("no such image", f"These settings give {labels}.", field="--number", value=number)
+            raise UserError("no such image", f"These settings give {labels}.", field="number", value=number)
         engine = ENGINES[made[number - 1].engine]
         if mask and mask not in engine.masks:
             remedy = f"This engine has {', '.join(engine.masks)}."
-            raise UserError("no such mask", remedy, field="--mask", value=mask)
+            raise UserError("no such mask", remedy, field="mask", value=mask)
         scene = scene_at(task.scene)
         return Simulated(campaign, task, scene, simulate_images(task, scene, threads=threads), number)
     except (ConfigurationError, ScatteringDataError, SceneError) as error:
@@ -203,14 +203,12 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
         name, sign, value = assignment.partition("=")
         if not sign or name not in region.names:
             remedy = f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml."
-            raise UserError("not a valid setting", remedy, field="--set", value=assignment)
+            raise UserError("not a valid setting", remedy, value=assignment)
         settings[name] = value
     try:
         point = region.code([settings])
     except RegionError as error:
-        raise UserError(
-            *(replace(problem, line=None, field=f"--set {problem.field}") for problem in error.problems)
-        ) from None
+        raise UserError(*(replace(problem, line=None) for problem in error.problems)) from None
     problems = _outside(region, point, settings)
     if problems:
         raise UserError(*problems)
@@ -232,14 +230,14 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
             inside, allowed = abs(point[0, j]) <= 1.0 + 1e-9, f"{factor.low:g} to {factor.high:g}"
         if not inside:
             remedy = f"Give {allowed} {factor.unit}".rstrip()
-            field = f"--set {factor.name}"
-            problems.append(Problem("outside the campaign's region", remedy, field=field, value=settings[factor.name]))
+            text, value = "outside the campaign's region", settings[factor.name]
+            problems.append(Problem(text, remedy, field=factor.name, value=value))
     shown = settings_text(region.factors, region.decode(point)[0])
     for constraint in region.constraints if not problems else ():
         if constraint.slack(region.decode(point)[0])[0] < 0.0:
             text = f"{shown} breaks the constraint {constraint.expr}"
-            problems.append(Problem(text, "Set the other factors as well", field="--set"))
-    return problems or [Problem(f"{shown} lies outside the campaign's region", "See campaign.toml", field="--set")]
+            problems.append(Problem(text, "Set the other factors as well"))
+    return problems or [Problem(f"{shown} lies outside the campaign's region", "See campaign.toml")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,7 +138,10 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
             problems += suspects(spec, replace(file, scores=tuple(new)), others)
     if problems:
         message = "nothing was ingested: the rows listed above look wrong"
-        raise ScoresFileError(*problems, Problem(message, "Correct them, or ingest everything as it is with --accept."))
+        raise ScoresFileError(
+            *problems,
+            Problem(message, "Correct them, or ingest everything as it is with --accept (accept=True in Python)."),
+        )
 
 
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:

@@ -213,7 +213,7 @@ class _ClosedLoop:
         least = start_size(spec)
         if budget < least and self.campaign.store.n_used() == 0:
             remedy = f"Give {least} or more, or omit it."
-            raise UserError(f"the initial design has {least} runs", remedy, field="--max-runs", value=budget)
+            raise UserError(f"the initial design has {least} runs", remedy, field="max_runs", value=budget)
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
         """No others replace runs that the machine failed; batches without a single score would come for ever."""

@@ -227,7 +227,7 @@ class Campaign:
         _see(str | None, source=source)
         _see(Path | None, csv=csv)
         if self.spec.simulator is None and source in ("simulation", "best"):
-            raise UserError("this campaign has no simulator", "Use flight.", field="--source", value=source)
+            raise UserError("this campaign has no simulator", "Use flight.", field="source", value=source)
         return list(self.opened.propose(n, source=source, csv=csv))
 
     def remarks(self, n: int | None, runs: Sequence[RunRecord]) -> list[str]:

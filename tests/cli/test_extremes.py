@@ -401,7 +401,7 @@ def test_a_renamed_application_is_told(tmp_path) -> None:
     fly(folder, bowl, 1)
     before = json.loads(call("status", folder, "--json").stdout)["runs"]
     edited(folder, 'name = "score"', 'name = "yield"')
-    for command, code in (("fit", 2), ("propose", 2), ("status", 0)):
+    for command, code in (("fit", 2), ("propose", 2), ("check", 2), ("status", 0)):
         told = " ".join(call(command, folder, code=code).output.split())
         none = "application: no run has a score of 'yield'; runs have scores of 'score'. Restore the name"
         assert line_of(folder, "[[application]]") + none in told

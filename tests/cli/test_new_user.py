@@ -206,15 +206,15 @@ def test_image_says_what_is_wrong_with_a_setting(tiny, tmp_path) -> None:
         arguments = [word for setting in settings for word in ("--set", setting)]
         return call("image", tiny, *arguments, "--out", tmp_path / "i.png", code=2)
 
-    assert "--set resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
+    assert "resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
     assert "Give 10 to 60 m" in told("resolution=2000")
-    assert "--set resolution: not a finite number" in told("resolution=wide")
+    assert "resolution: not a finite number" in told("resolution=wide")
     plain = (tiny / "campaign.toml").read_text(encoding="utf-8")
     dates = '[[factor]]\nname = "interval_days"\nvalues = [1, 3, 6]\n[[application]]'
     (tiny / "campaign.toml").write_text(plain.replace("[[application]]", dates, 1), encoding="utf-8")
-    assert "--set interval_days: outside the campaign's region (got '2'). Give 1 or 3 or 6 d" in told("interval_days=2")
+    assert "interval_days: outside the campaign's region (got '2'). Give 1 or 3 or 6 d" in told("interval_days=2")
     (tiny / "campaign.toml").write_text(plain, encoding="utf-8")
-    assert "--set polarization: unknown level (got 'XX')" in told("polarization=XX")
+    assert "polarization: unknown level (got 'XX')" in told("polarization=XX")
     assert "other parameters stand in campaign.toml" in told("frequency=4")
     assert "line 1" not in told("polarization=XX", "resolution=")
     text = (tiny / "campaign.toml").read_text(encoding="utf-8")

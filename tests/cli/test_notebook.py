@@ -126,6 +126,23 @@ def test_an_image_is_that_of_the_command(tmp_path: Path, tiny_scene: Path) -> No
     assert image["image"].attrs["units"] == "dB"
 
 
+def test_errors_name_arguments_that_a_notebook_has_too(tiny: Path) -> None:
+    """They named options of the commands: "--set resolution: outside the region", "--number: no such image"."""
+    c = seqrsm.Campaign(tiny)
+    for wrong, said in (
+        (lambda: c.image(resolution=2e4), "resolution: outside the campaign's region"),
+        (lambda: c.image(resolution="wide"), "resolution: not a finite number"),
+        (lambda: c.image(number=9), "number: no such image"),
+        (lambda: c.image(sharpness=2), "not a valid setting"),
+        (lambda: c.propose(1, source="satellite"), "source: no such source"),
+        (lambda: c.void(1, ""), "why: voiding needs a reason. Give one"),
+    ):
+        with pytest.raises(UserError) as caught:
+            wrong()
+        assert str(caught.value).startswith(said)
+        assert "--" not in str(caught.value)
+
+
 def test_without_xarray_an_image_is_arrays(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = builtins.__import__
 
