@@ -531,8 +531,8 @@ def export(
     from seqrsm.campaign.export import export as write_all
 
     campaign = _opened(folder).opened
-    write_all(campaign.store, campaign.spec, file)
-    say(f"wrote {file}")
+    for written in write_all(campaign.store, campaign.spec, file):
+        say(f"wrote {written}")
 
 
 app.command()(schema)

@@ -124,6 +124,12 @@ def test_each_score_traces_to_its_file_row_and_decision(flown, tmp_path):
 SECRET = '[store]  # ours\nurl = "postgresql+psycopg://u:hunter2@127.0.0.1:1/n"\n'
 
 
+def test_every_file_of_an_export_is_named(flown, tmp_path):
+    told = CliRunner().invoke(app, ["export", str(flown), str(tmp_path / "all.csv")]).stderr.splitlines()
+    assert sorted(told) == sorted(f"wrote {file}" for file in tmp_path.glob("all*.csv"))
+    assert len(told) == 5
+
+
 @pytest.mark.parametrize("rest", ["", "[cost]\nflight = 3.0\n"])
 def test_an_export_tells_no_address_and_no_password(flown, tmp_path, rest):
     with Store.open(flown) as store:
