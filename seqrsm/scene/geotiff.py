@@ -139,7 +139,8 @@ def _check_units(raster: Raster, keys: Mapping[int, int], vertical: str, layer: 
     ):
         zone = int((left + 0.5 * raster.values.shape[1] * raster.step_x + 180.0) // 6.0) + 1
         utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
-        remedy = f"Project it to metres first, for instance: gdalwarp -t_srs EPSG:{utm} -r near {file} projected.tif"
+        how = f"-t_srs EPSG:{utm} -r {'bilinear' if layer == 'elevation' else 'near'}"
+        remedy = f"Project it to metres first, for instance: gdalwarp {how} {file} projected.tif"
         raise SceneError("the raster is in degrees", remedy, file=file, field="coordinate system")
     if keys.get(_LINEAR_UNITS, _METRE) != _METRE:
         remedy = "Project it to a system in metres with gdalwarp -t_srs"

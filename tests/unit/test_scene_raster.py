@@ -148,12 +148,11 @@ def test_a_raster_of_temperature_becomes_a_layer(files, tmp_path):
     ("left", "top", "zone"), [(4.7, 50.9, 32631), (5.9, 50.9, 32631), (5.99, 50.9, 32632), (5.9, -20.0, 32731)]
 )
 def test_degrees_are_refused_with_the_remedy(files, tmp_path, left, top, zone):
-    """The zone is that of the middle; 31 ends at 6 degrees east."""
-    files["elevation"] = write(
-        tmp_path / "d.tif", np.zeros((30, 150), np.float32), 0.001, left, top, model=2, code=4326
-    )
-    with pytest.raises(SceneError, match=rf"in degrees.*gdalwarp -t_srs EPSG:{zone} "):
-        import_scene(**files)
+    """The zone is that of the middle; 31 ends at 6 degrees east. Elevations of the nearest cell would be steps."""
+    degrees = write(tmp_path / "d.tif", np.zeros((30, 150), np.float32), 0.001, left, top, model=2, code=4326)
+    for layer, how in (("elevation", "bilinear"), ("cover", "near")):
+        with pytest.raises(SceneError, match=rf"in degrees.*gdalwarp -t_srs EPSG:{zone} -r {how} "):
+            import_scene(**{**files, layer: degrees})
 
 
 @pytest.mark.parametrize(
