@@ -431,7 +431,7 @@ class Store:
 
 def _need_reason(why: str) -> None:
     if not why.strip():
-        raise StoreError("voiding needs a reason", "Give one", field="why")
+        raise StoreError("voiding needs a reason", 'Give one: --why "clouds", in Python why="clouds"', field="why")
 
 
 def _this_process() -> str:
