@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from seqrsm.analysis.runs import (
 )
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import surface_of
-from seqrsm.design.factors import CategoricalFactor, settings_text
+from seqrsm.design.factors import CategoricalFactor, setting_with_unit, settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.estimability import SETTINGS_KNOWN, missing_runs
@@ -98,20 +98,21 @@ def fit_surface(spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale) -> L
         )
     except AliasedError as error:
         problem = replace(error.problems[0], remedy=_remedy(spec, data, "Add runs", n_aliased=error.n_dependent))
-        if unseen := _unseen_levels(spec, data):
-            problem = replace(problem, message=f"no run has a score yet at {', '.join(unseen)}")
+        if unvaried := list(_unvaried(spec, data)):
+            problem = replace(problem, message="; ".join(unvaried))
         raise FitError(problem) from None
 
 
-def _unseen_levels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
-    """Levels of categorical factors at which no run was scored: added to the campaign since."""
-    return [
-        f"{factor.name} {level}"
-        for factor, column in zip(spec.factors, data.points.T, strict=True)
-        if isinstance(factor, CategoricalFactor)
-        for code, level in enumerate(factor.levels)
-        if code not in column
-    ]
+def _unvaried(spec: CampaignSpec, data: ScoredRuns) -> Iterator[str]:
+    """Levels at which no run was scored and factors of one setting: new in the campaign, which has other runs."""
+    for factor, column in zip(spec.factors, data.points.T, strict=True):
+        if isinstance(factor, CategoricalFactor):
+            unseen = [level for code, level in enumerate(factor.levels) if code not in column]
+            if unseen:
+                yield f"no run has a score yet at {factor.name} {' or '.join(unseen)}"
+        elif np.ptp(column) == 0.0:
+            setting = spec.region.decode(data.points[:1])[0][factor.name]
+            yield f"all scored runs have {factor.name} {setting_with_unit(factor, setting)}"
 
 
 def _remedy(spec: CampaignSpec, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0) -> str:

@@ -270,8 +270,10 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         name, at = outcome.already.name, outcome.already.ingested_at
         return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
-    for old, new in outcome.replaced:
-        messages.append(f"Run {new} takes the place of run {old}, which is void.")
+    if outcome.replaced:
+        old, new = zip(*outcome.replaced, strict=True)
+        one, many = "Run {} takes the place of run {}, which is", "Runs {} take the places of runs {}, which are"
+        messages.append(f"{(one if len(old) == 1 else many).format(_few(new), _few(old))} void.")
     if outcome.moved:
         count = f"{counted(len(outcome.moved), 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
         messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")

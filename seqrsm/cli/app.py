@@ -338,8 +338,8 @@ def void(
         raise UserError("void excludes runs or one ranking", "Give RUN_ID, or --ranking N.")
     if runs:
         _opened(folder).opened.store.void(runs, why)
-        for run_id in dict.fromkeys(runs):
-            say(f"run {run_id} is void: {why}")
+        which = ", ".join(map(str, dict.fromkeys(runs)))
+        say(f"runs {which} are void: {why}" if "," in which else f"run {which} is void: {why}")
     elif ranking is not None:
         _opened(folder).opened.store.void_ranking(ranking, why)
         say(f"ranking {ranking} is void: {why}")

@@ -463,6 +463,14 @@ def test_a_level_added_since_is_named_in_place_of_all_its_terms(tmp_path: Path) 
     assert "no run has a score yet at pol X. Add runs; 2 at these settings would suffice: x " in flat
 
 
+def test_a_factor_added_since_is_named_in_place_of_all_its_terms(tmp_path: Path) -> None:
+    rows = [{"x": v, "frequency": 4.0, "score": 50.0 + i % 5} for i, v in enumerate([0.0, 5.0, 10.0] * 4)]
+    code, _, output = command("fit", make(tmp_path / "c", X + FREQUENCY, rows))
+    assert code == 2
+    flat = " ".join(output.split())
+    assert "error: all scored runs have frequency 4 GHz. Add runs; 3 at these settings would suffice: x " in flat
+
+
 def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     folder = make(tmp_path / "c", X + FREQUENCY, [{"x": 5.0, "frequency": 4.0, "score": 50.0 + i} for i in range(7)])
     code, _, output = command("fit", folder)  # all runs at one point

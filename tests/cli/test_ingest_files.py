@@ -564,6 +564,15 @@ def form_rows(scores: dict[int, float], **other: str) -> str:
     return "\n".join(rows) + "\n"
 
 
+def test_many_runs_that_are_void_and_come_back_are_told_in_a_line_each(make):
+    """A new factor makes all runs void and takes them in again: two lines for each run were told."""
+    folder = make()
+    folder.ingest(f"{HEADER}\n2,12,HH,70\n3,12,HH,71\n4,12,HH,72\n")
+    assert folder.call("void", 1, 2, 3, "--why", "new factor") == "runs 1, 2, 3 are void: new factor\n"
+    told = folder.ingest(form_rows({1: 70, 2: 71, 3: 72}), "--accept", name="again.csv")
+    assert "Runs 4, 5, 6 take the places of runs 1, 2, 3, which are void." in told
+
+
 def test_a_form_that_comes_again_after_a_correction_adds_no_run(make):
     """Run 4 took the place of run 2: from then on what the form says of run 2 is run 4's."""
     folder = make()
