@@ -244,7 +244,7 @@ def test_a_level_added_later_gets_the_runs_that_it_needs(tmp_path) -> None:
     folder = make(tmp_path / "c", numeric(2) + KIND, "half_width = 1\nmax_runs = 40")
     fly(folder, bowl, 2)
     edited(folder, '"b"]', '"b", "c"]')
-    assert "cannot separate" in call("fit", folder, code=2).output
+    assert "no run has a score yet at kind c" in call("fit", folder, code=2).output
     (folder / "form0.csv").unlink()
     assert [row["kind"] for row in fly(folder, bowl, 1)] == ["c"] * 3  # its constant and its two slopes
     assert json.loads(call("fit", folder, "--json").stdout)["n_terms"] == 12
