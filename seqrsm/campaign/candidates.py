@@ -155,8 +155,13 @@ def measure_candidates(
     spec = campaign.spec
     wanted = candidates_of(spec)
     if not wanted:
-        remedy = 'Add [[candidate]] with sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
-        raise SpecError("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME))
+        message, remedy = "there are no candidates", 'sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
+        if spec.candidates:
+            message, remedy = (
+                'no sensor of sensor = "*" fits the ranges of frequency and resolution',
+                'sensor = "NAME".',
+            )
+        raise SpecError(message, f"Add [[candidate]] with {remedy}", file=str(spec.folder / SPEC_NAME))
     see_writable(spec.folder / FILE)
     found: dict[str, Any] = {"key": _key(spec), "worlds": worlds, "applications": {}}
     analyses = campaign.analyse_all()

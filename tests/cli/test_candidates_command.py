@@ -163,6 +163,17 @@ def test_without_candidates_it_says_what_to_add(tiny: Path) -> None:
     assert "[[candidate]]" in done.stderr
 
 
+def test_where_no_sensor_fits_the_ranges_it_says_so(tiny: Path) -> None:
+    """It was told to add sensor = "*", which was there."""
+    path = tiny / "campaign.toml"
+    text = path.read_text(encoding="utf-8")
+    text = text.replace("low = 10.0", "low = 0.1").replace("high = 60.0", "high = 0.11")  # m: finer than any sensor
+    path.write_text(f'{text}\n[[candidate]]\nsensor = "*"\n', encoding="utf-8")
+    result = CliRunner().invoke(app, ["candidates", str(tiny)])
+    assert result.exit_code == 2
+    assert 'no sensor of sensor = "*" fits the ranges of frequency and resolution' in " ".join(result.stderr.split())
+
+
 def test_measured_campaigns_judge_by_the_surface_alone(tmp_path: Path) -> None:
     more = """[[candidate]]
 sensor = "Sentinel-1 IW GRDH"
