@@ -208,7 +208,8 @@ def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
 
 def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
     """The commands that made the campaign, in their order: what was proposed, ingested and voided, then the results."""
-    name, runs = campaign.folder.name, {run.run_id: run for run in campaign.store.runs()}
+    folder, runs = campaign.folder.name, {run.run_id: run for run in campaign.store.runs()}
+    name = shlex.quote(folder)
     run_it, flight = (f"run {name}", " --source flight") if campaign.spec.simulator is not None else ("", "")
     steps, sizes = [run_it] if run_it else [], Counter(run.batch for run in runs.values())
     sources = Counter(batch for batch, _ in {(run.batch, run.source) for run in runs.values()})
@@ -217,8 +218,9 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
         run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
         if event.kind == "ingested":
             file, rows = event.detail["name"], counted(event.detail["row_count"], "row")
-            read = f"ingest {name} {f'{name}/' if (campaign.folder / file).exists() else ''}{file}"
-            in_python = f"seqrsm.Campaign({name!r}).ingest(table)  # in Python: a {IN_MEMORY} of {rows}"
+            path = f"{folder}/{file}" if (campaign.folder / file).exists() else file
+            read = f"ingest {name} {shlex.quote(path)}"
+            in_python = f"seqrsm.Campaign({folder!r}).ingest(table)  # in Python: a {IN_MEMORY} of {rows}"
             steps.append(in_python if file == IN_MEMORY else read)
         elif event.kind in ("void", "void ranking"):
             what = event.run_id or f"--ranking {event.detail['ranking']}"

@@ -8,6 +8,7 @@ import io
 import json
 import multiprocessing
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -266,6 +267,22 @@ def test_a_report_names_every_table_of_one_name_and_how_one_in_memory_was_ingest
     assert told == f"{len(texts[0])} rows, SHA-256 {hashes[0]}; {len(texts[1])} rows, SHA-256 {hashes[1]}"
     in_python = "seqrsm.Campaign('mine').ingest(table)  # in Python: a DataFrame of {} rows"
     assert [step for step in shown.reproduce if "ingest" in step] == [in_python.format(len(one)) for one in texts]
+
+
+def test_commands_that_reproduce_a_report_hold_names_with_blanks(tmp_path: Path) -> None:
+    """`seqrsm ingest my flights my flights/May 3.csv` was told, of five words."""
+    c = seqrsm.Campaign.create(tmp_path / "my flights", factors={"x": (0, 9)}, half_width=1)
+    plan = c.propose()
+    file = c.folder / "May 3.csv"
+    plan.assign(score=10 - (plan["x"] - 4) ** 2).to_csv(file, index=False)
+    c.ingest(file)
+    told = [shlex.split(step) for step in assemble(c.opened).reproduce]
+    assert told == [
+        ["seqrsm", "propose", "my flights"],
+        ["seqrsm", "ingest", "my flights", "my flights/May 3.csv"],
+        ["seqrsm", "fit", "my flights"],
+        ["seqrsm", "report", "my flights"],
+    ]
 
 
 def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> None:
