@@ -8,6 +8,7 @@ from __future__ import annotations
 import gc
 import io
 import os
+import shlex
 import sys
 import warnings
 from functools import partial
@@ -176,9 +177,8 @@ def init(
 def _next_step(folder: Path) -> str:
     """What to type after init: a campaign that brings measured scores needs them first."""
     scores = sorted(folder.glob("*_scores.csv"))
-    if scores:
-        return f"seqrsm ingest {folder} {' '.join(str(file) for file in scores)}"
-    return f"seqrsm check {folder}"
+    words = ["ingest", folder, *scores] if scores else ["check", folder]
+    return shlex.join(["seqrsm", *map(str, words)])
 
 
 @app.command()

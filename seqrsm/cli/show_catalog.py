@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -120,6 +121,7 @@ def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> N
         if not one.measure.utility:
             how = f"which no built-in utility measures: {one.measure.says}"
         say(f"created {folder} for {one.words} from {tables}, {how}")
+    named = shlex.quote(str(folder))
     if engine_for(wanted):
         from seqrsm.campaign.check import settle_target
 
@@ -129,6 +131,6 @@ def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> N
                     say(f"a wider stop target than usual was written: {reason}")
             except UserError as error:  # of a scene of one's own
                 say(f"to be mended: {error}")
-        say(f"see the comments in {folder}/campaign.toml; next: seqrsm check {folder}")
+        say(f"see the comments in {folder}/campaign.toml; next: seqrsm check {named}")
         return
-    say(f'write your own (utility = "mine:score" and a [simulator]), or measure; next: seqrsm propose {folder}')
+    say(f'write your own (utility = "mine:score" and a [simulator]), or measure; next: seqrsm propose {named}')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -161,6 +162,14 @@ def test_run_with_unscored_flights_says_what_to_do(tiny) -> None:
     assert "11 flights have no scores" in text
     assert "seqrsm ingest" in text
     assert json.loads(call("status", tiny, "--json"))["runs"] == {"issued": 11}
+
+
+def test_the_next_command_can_be_pasted_where_a_name_has_blanks(tmp_path) -> None:
+    folder = tmp_path / "my flights"
+    told = CliRunner().invoke(app, ["init", str(folder), "--template", "flevoland"]).stderr
+    _, next_one = told.strip().split("next: ")
+    assert shlex.split(next_one) == ["seqrsm", "ingest", str(folder), str(folder / "flight_scores.csv")]
+    assert CliRunner().invoke(app, shlex.split(next_one)[1:]).exit_code == 0
 
 
 def test_simulate_without_a_simulator_says_to_fly(tmp_path) -> None:
