@@ -214,6 +214,7 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
     steps, sizes = [run_it] if run_it else [], Counter(run.batch for run in runs.values())
     sources = Counter(batch for batch, _ in {(run.batch, run.source) for run in runs.values()})
     seen: set[object] = {"measured"}
+    voids: tuple[str, list[str]] = ("", [])  # why the last runs were void, and the step that says so
     for event in campaign.store.events():
         run, why = runs.get(event.run_id or 0), shlex.quote(str(event.detail.get("reason")))
         if event.kind == "ingested":
@@ -223,8 +224,10 @@ def _reproduce(campaign: Campaign, more: Sequence[str]) -> tuple[str, ...]:
             in_python = f"seqrsm.Campaign({folder!r}).ingest(table)  # in Python: a {IN_MEMORY} of {rows}"
             steps.append(in_python if file == IN_MEMORY else read)
         elif event.kind in ("void", "void ranking"):
-            what = event.run_id or f"--ranking {event.detail['ranking']}"
-            steps.append(f"void {name} {what} --why {why}")
+            what, end = event.run_id or f"--ranking {event.detail['ranking']}", f" --why {why}"
+            before = steps.pop().removesuffix(end) if event.run_id and voids == (end, steps[-1:]) else f"void {name}"
+            steps.append(f"{before} {what}{end}")
+            voids = (end, steps[-1:]) if event.run_id else ("", [])
         elif run and event.kind == "proposed" and {run.batch, run.purpose}.isdisjoint(seen) and run.replaces is None:
             seen.add(run.batch)
             size = "" if run.purpose in ("start", CONFIRMATION) else f" -n {sizes[run.batch]}"

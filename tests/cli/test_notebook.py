@@ -276,10 +276,14 @@ def test_commands_that_reproduce_a_report_hold_names_with_blanks(tmp_path: Path)
     file = c.folder / "May 3.csv"
     plan.assign(score=10 - (plan["x"] - 4) ** 2).to_csv(file, index=False)
     c.ingest(file)
+    c.void([1, 2], "a cloud")  # one command; each run had its own
+    c.void(3, "rain")
     told = [shlex.split(step) for step in assemble(c.opened).reproduce]
     assert told == [
         ["seqrsm", "propose", "my flights"],
         ["seqrsm", "ingest", "my flights", "my flights/May 3.csv"],
+        ["seqrsm", "void", "my flights", "1", "2", "--why", "a cloud"],
+        ["seqrsm", "void", "my flights", "3", "--why", "rain"],
         ["seqrsm", "fit", "my flights"],
         ["seqrsm", "report", "my flights"],
     ]
