@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import prm_cases
 import pytest
@@ -20,7 +18,6 @@ from seqrsm.score.evidence import Evidence, decibels, pixels_of
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.score.utilities import Asked
 from seqrsm.sensor.radar import from_settings
-from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_ground_state
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion
