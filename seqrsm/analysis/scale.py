@@ -50,7 +50,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class ResponseScale:
-    """Identity, or the logit of percent scores; weights keep the scatter equal in percent, or go by counts.
+    """Identity, or the logit of percent scores; these scatter as shares do, or by counts, or as is stated.
 
     Logits of scores are lowered by the excess of their mean, see `seqrsm.fit.weights.unbiased_logits`.
 
@@ -60,7 +60,7 @@ class ResponseScale:
     values, weights : ndarray (n,)
         The scores on the scale of the fit, and their relative weights.
     variance_unit : float
-        Variance that weight 1 stands for: of a logit for a scatter of 1 percent, of a count's binomial; else 1.
+        Variance that weight 1 stands for: of a logit for a scatter of 1 percent at 50, of a count's binomial; else 1.
     trials : float
         Decisions behind a future score, where scores are counts; nan where they are not.
     se : float
@@ -92,8 +92,9 @@ class ResponseScale:
         relative = np.ones(len(scores)) if se is None or not len(se) else np.square(usual / se)
         if kind == "identity":
             return cls(kind, scores, relative, 1.0, se=usual)
-        values, expected = unbiased_logits(Z, scores, 1.0 / relative)
-        variance = logit_variance(expected)
+        equal = bool(np.isfinite(usual))
+        values, expected = unbiased_logits(Z, scores, 1.0 / relative, equal=equal)
+        variance = logit_variance(expected, equal=equal)
         unit = float(1.0 / np.mean(1.0 / variance))
         return cls(kind, values, unit / variance * relative, unit, se=usual)
 
@@ -116,8 +117,8 @@ class ResponseScale:
     def to_score(self, values: FloatArray, runs: float = np.inf, scatter: FloatArray | float = 0.0) -> FloatArray:
         """Score units of values on the scale of the fit: of means, or of what so many future ``runs`` score on average.
 
-        ``scatter`` is what runs depart by from the mean. Of percentages without counts it is equal in percent, by which
-        they are weighted, and not bent as logits are, which near 100 % would leave out 100 and reach far too low.
+        ``scatter`` is what runs depart by from the mean. Of percentages without counts it is not bent as logits are,
+        which near 100 % would leave out 100 and reach far too low.
         Of few decisions these differ: 10 correct of 10 have the empirical logit of 95 percent. Scores are then those
         that there can be: an end at 99.9 percent would leave out 100 correct of 100.
         """
@@ -166,4 +167,5 @@ class ResponseScale:
         if self.kind == "identity":
             return self.variance_unit / share_variance(values, self.trials) if counted else np.ones(np.shape(values))
         count = self.trials if counted else None
-        return self.variance_unit / logit_variance(logit_to_percent(values), count=count)
+        equal = bool(np.isfinite(self.se))
+        return self.variance_unit / logit_variance(logit_to_percent(values), count=count, equal=equal)

@@ -66,7 +66,7 @@ class Surfaces:
         """Change (n, m) of the score with values (n, m) on the scale of the fit; (n, 1) where it is one for all m."""
         if not self.logit:
             return np.ones((len(values), 1))
-        return 1.0 / np.sqrt(logit_variance(logit_to_percent(values)))
+        return 1.0 / np.sqrt(logit_variance(logit_to_percent(values), equal=True))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import clip_percent, logit_scores, logit_to_percent, logit_variance
 
 _ROUNDS = 4
+_AT_HALF = 2500.0  # decisions that make a standard deviation of 1 point at 50 %
 _LEAST_REPEATS = 3
 """Degrees of freedom of pure error from which it tells the scatter of scores; below, the residuals do."""
 
@@ -46,7 +47,7 @@ def expected_shares(Z: FloatArray, percent: FloatArray, trials: FloatArray) -> F
 
 
 def unbiased_logits(
-    Z: FloatArray, percent: FloatArray, relative: FloatArray, trials: FloatArray | None = None
+    Z: FloatArray, percent: FloatArray, relative: FloatArray, trials: FloatArray | None = None, *, equal: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Logits (n,) of percentages that scatter normally, and the score that the model expects of each run [%].
 
@@ -65,15 +66,18 @@ def unbiased_logits(
         Variance of each score relative to that of a typical one; beside that of its decisions, where scores are counts.
     trials : ndarray (n,), optional
         Decisions behind each score, where scores are counts.
+    equal : bool
+        Scores without counts scatter alike in percent; else as shares, see `logit_variance`.
     """
     scored = logit_scores(percent, counts=trials)
     values, expected = scored, clip_percent(percent)
     if len(percent) <= Z.shape[1]:
         return values, expected
     for _ in range(2 * _ROUNDS):
-        root = 1.0 / np.sqrt(logit_variance(expected, count=trials) * relative)
+        root = 1.0 / np.sqrt(logit_variance(expected, count=trials, equal=equal) * relative)
         expected = clip_percent(logit_to_percent(Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]))
-        each, binomial = (relative, 0.0) if trials is None else (share_variance(expected, trials), 1.0)
+        binomial = 0.0 if trials is None else 1.0
+        each = relative if equal else relative * share_variance(expected, _AT_HALF if trials is None else trials)
         beyond = max(_scatter(Z, percent, expected, each) - binomial, 0.0)
         values = scored - (_mean_logit(expected, np.sqrt(beyond * each)) - logit_scores(expected))
     return values, expected

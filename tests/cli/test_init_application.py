@@ -58,7 +58,7 @@ def test_soil_moisture_is_measured_by_its_skill_and_says_where_its_numbers_come_
 
 @pytest.mark.parametrize(
     ("words", "utility", "widened"),
-    [("habitat inventory", "percent_correct by field", False), ("flood", "detection of Water", True)],
+    [("land use mapping", "percent_correct by field", False), ("flood", "detection of Water", True)],
 )
 def test_a_campaign_passes_its_own_check_and_says_why_its_target_is_wide(tmp_path, words, utility, widened) -> None:
     """What is not known of the ground is most of a detection's scatter: 14 percent was written, which none reaches."""
