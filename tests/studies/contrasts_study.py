@@ -57,7 +57,6 @@ WORDS = [
     "  apart as well on one as on the other.",
     "- Relation of HH and VV. The source states no scores. The simulated ratio is a gain of 8 to 10 points where",
     "  the powers alone name 80 to 84 %, in place of the 93 % here.",
-    "- X over C: just outside. Rows at X band are assumed.",
     "- Full polarimetry over two channels, and over one circular wave. The source names 92 % on one day. What HH",
     "  and HV have in common is taken as nothing here. One circular wave over two channels is inside.",
     "- Fields over pixels on one date. In one channel at 23 deg fields of six crops score 23 % here; the source",
