@@ -99,14 +99,15 @@ def difference(name: str) -> dict[str, Any]:
         chance = own[..., 0] - own[..., 1]
         covariance = np.cov(own.mean(axis=2)) - chance @ chance.T / (4 * len(worlds))
         terms = np.sqrt(nnls(parts, covariance[half])[0])
-        return [float(np.sqrt(np.trace(covariance) / SETTINGS)), related(covariance), *terms]
+        return [float(np.sqrt(max(np.trace(covariance), 0.0) / SETTINGS)), related(covariance), *terms]
 
     rng = np.random.default_rng(6)
     drawn = np.array([found(rng.integers(GROUNDS, size=GROUNDS)) for _ in range(200)])
     return {
         "name": name,
         "found": np.round(found(np.arange(GROUNDS)), 3).tolist(),
-        "se": np.round(drawn.std(axis=0, ddof=1), 3).tolist(),
+        # Half of the middle 68 %: a ratio of variances that are mostly chance has no standard deviation.
+        "se": np.round(0.5 * np.diff(np.quantile(drawn, [0.16, 0.84], axis=0), axis=0)[0], 3).tolist(),
         "prior": round(related(of_prior @ of_prior.T), 3),
     }
 
