@@ -150,12 +150,13 @@ def _with_hardware(spec: CampaignSpec, analysis: Analysis) -> Analysis:
 def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> tuple[str, ...]:
     spec = campaign.spec
     weighed = any(one.fitted.departure.probability > 0.0 for one in analyses)
+    logit = spec.model.response == "logit"
     variance = {
-        "equal": "equal variance",
+        "equal": "variance proportional to that of a share" if logit else "equal variance",
         "se": "variance proportional to the square of their standard errors",
         "counts": "variance proportional to that of the counted number of independent decisions",
     }[spec.model.weights]
-    scale = " in percent, on the logit scale" if spec.model.response == "logit" else ""
+    scale = " in percent, on the logit scale" if logit else ""
     found = [
         f"errors of different runs are independent, {spec.errors.words}"
         + ("" if spec.errors.of_counts else f", with {variance}{scale}"),

@@ -18,6 +18,7 @@ from seqrsm.analysis.belief import Departure, Fitted, intervals
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import _measured_assumptions
 from seqrsm.cli.app import app
 from seqrsm.errors import FitError, SpecError
 
@@ -111,6 +112,16 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     rows[4]["se"] = ""
     with pytest.raises(FitError, match="run 5 without a standard error"):
         fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
+
+
+def test_the_scatter_of_logits_is_told_as_that_of_shares(tmp_path: Path) -> None:
+    """It was told as alike in percent, which runs are weighted by only where their standard errors are stated."""
+    folder = make(tmp_path / "c", X, quadratic(), '[model]\nresponse = "logit"\n', PERCENT)
+    told = " ".join(command("fit", folder)[1].split())
+    assert "Scores are taken to scatter as shares do, most at 50 percent and less towards 0 and 100." in told
+    made = Campaign.open(folder)
+    assumed, *_ = _measured_assumptions(made, made.analyse_all())
+    assert assumed.endswith("with variance proportional to that of a share in percent, on the logit scale")
 
 
 def test_a_future_run_is_never_known_better_than_the_mean(tmp_path: Path) -> None:

@@ -171,7 +171,7 @@ def test_truths_are_quadratics_and_processes_by_their_probability() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_runs_of_a_truth_scatter_as_its_scale_says(share: float) -> None:
-    """On the logit's scale more where the score is nearer to 100, so that they scatter alike in percent."""
+    """On the logit's scale more where the score is nearer to 100, in percent less."""
     spec, analysis = known(lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
     fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
@@ -179,8 +179,10 @@ def test_runs_of_a_truth_scatter_as_its_scale_says(share: float) -> None:
     at = np.array([[0.3, -0.2], [-1.0, 1.0]])
     percent = analysis.scale.to_score(truth.mean(at))
     assert percent[0] > 90.0 > 80.0 > percent[1]
-    np.testing.assert_allclose(truth.sd(at) * percent * (100.0 - percent) / 100.0, SIGMA, rtol=0.5)
-    assert truth.sd(at)[0] > 1.5 * truth.sd(at)[1]
+    y = analysis.data.scores
+    each, usual = percent * (100.0 - percent), np.median(y * (100.0 - y))
+    np.testing.assert_allclose(truth.sd(at) * each / 100.0, SIGMA * np.sqrt(each / usual), rtol=0.5)
+    assert truth.sd(at)[0] / truth.sd(at)[1] == pytest.approx(np.sqrt(each[1] / each[0]))
 
 
 def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget() -> None:

@@ -136,7 +136,8 @@ def _weights_text(analysis: Analysis) -> str:
         usual = with_unit(format_significant(scale.se, 3), analysis.score_unit)
         found = f"Runs are weighted by 1/se\u00b2; a future run has the median se, {usual}."
     else:
-        found = "All scores are taken to scatter alike in percent." if scale.kind == "logit" else ""
+        as_shares = "Scores are taken to scatter as shares do, most at 50 percent and less towards 0 and 100."
+        found = as_shares if scale.kind == "logit" else ""
     if np.min(_share_counted(analysis)) < 1.0 - 1e-9:
         found += f" Errors are {analysis.fitted.surface.errors.words}: a run far from the surface counts for less here."
     found += _inflation_text(analysis)
