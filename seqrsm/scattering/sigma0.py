@@ -226,13 +226,14 @@ class Sigma0Table:
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
         closed = np.array([found[name].closed for name in names])
+        hidden = closed if day is None else np.ones(len(names))  # of days: by the course
         through = None
         if not usual:
             value, sd, closed, through = self._over_soil(names, found, channel, state, season, day)
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
-        in_c, hidden = share_of_c(frequency), closed if day is None else np.ones(len(names))  # of days: by the course
+        in_c = share_of_c(frequency)
         field_sd = np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names])
         soil_sd = (
             self.variability.get((BARE_SOIL, channel)) or _shipped_table().variability[BARE_SOIL, channel]
@@ -278,21 +279,20 @@ class Sigma0Table:
         soil = _evaluate(own_soil or _shipped_table().curves[BARE_SOIL, season], channel, state, None)
         kin = {name: item.kin for name, item in found.items()} | {BARE_SOIL: soil.kin}
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
-        closed, ghz, through = np.array([found[name].closed for name in names]), state.frequency_ghz, None
+        closed = np.array([0.0 if name == BARE_SOIL else found[name].closed for name in names])
+        ghz, through, of_course = state.frequency_ghz, None, np.zeros(len(names))
         if day is not None:
             bare_db = float(soil.value_db[_LEVEL_DEG])
             through = self.calendar.course(names, kin, ghz, channel, value[:, _LEVEL_DEG], bare_db, self.world)
-            closed, value = on_day(through.closed, day), value + through.at_angles(day, THETA_DEG)
+            value = value + through.at_angles(day, THETA_DEG)
+            closed, of_course = on_day(through.closed, day), on_day(through.sd_db, day)
         sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
         if self.world is not None:
             of_soil = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
             for k, name in enumerate(names):
                 own = self.world.departure(name, kin[name], ghz, channel)
-                related = 1.0 if name == BARE_SOIL else related_covers(kin[name], soil.kin)
-                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related)
-        if day is not None and through is not None:
-            sd = np.hypot(sd, on_day(through.sd_db, day))
-        return value, sd, closed, through
+                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related_covers(kin[name], soil.kin))
+        return value, np.hypot(sd, of_course), closed, through
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))

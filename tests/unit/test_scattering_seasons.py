@@ -200,15 +200,17 @@ def test_fields_and_dates_of_bare_ground_depart_alike_whatever_was_sown() -> Non
     np.testing.assert_allclose(winter.date_sd_db, 1.0, atol=0.1)
     np.testing.assert_allclose(winter.mean_sd_db, winter.mean_sd_db[3], atol=0.1)  # frozen soil's
     assert winter.mean_sd_db[3] > summer.mean_sd_db[3]
-    given = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "season": "winter"}
+    given = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0}
     one = from_settings({"frequency": 5.4, "polarization": "HV", "resolution": 20.0, "depression_angle": 50.0}, given)
-    met = [
-        draw_occasion(
-            one, [winter], np.arange(4, dtype=np.uint8), (0.2, 5.0), Visit(), seed=1, run_id=k
-        ).class_offset_db[0]
-        for k in range(200)
-    ]
-    assert np.corrcoef(np.array(met).T).min() > 0.99
+    fall = load_sigma0_table().lookup(names, 5.4, "HV", season="fall")  # soil drew for itself: 1.4 dB from stubble
+    for lookup, alike in ((winter, 0.99), (fall, 0.85)):
+        met = [
+            draw_occasion(
+                one, [lookup], np.arange(4, dtype=np.uint8), (0.2, 5.0), Visit(), seed=1, run_id=k
+            ).class_offset_db[0]
+            for k in range(200)
+        ]
+        assert np.corrcoef(np.array(met).T).min() > alike
 
 
 @pytest.mark.parametrize("depth_cm", [15.0, 60.0])
@@ -235,5 +237,5 @@ def test_bare_soil_of_ones_own_departs_under_snow_as_without() -> None:
         own.in_world(World(3, k)).lookup(key[:1], 5.4, "VV", season="winter", snow="wet", snow_depth_cm=4.0)
         for k in range(600)
     ]
-    assert 0.3 < found[0].closed[0] < 0.7
+    assert found[0].closed[0] == 0.0
     assert np.std([linear_to_db(one.sigma0[0, 40]) for one in found]) == pytest.approx(found[0].mean_sd_db[0], rel=0.08)
