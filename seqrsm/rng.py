@@ -33,7 +33,7 @@ def stream_key(seed: int, run_id: int, purpose: str) -> tuple[np.uint32, np.uint
 def generator(seed: int, run_id: int, purpose: str) -> np.random.Generator:
     """Numpy generator for the draws outside the kernels, keyed as `stream_key`: SFC64 from a 128-bit key.
 
-    Normal draws take 0.7 of the time that they take by Philox, of which a counter is not needed here.
+    Normal draws take 0.7 of the time of Philox, whose counter is not needed here.
     """
     return np.random.Generator(np.random.SFC64(int.from_bytes(_digest(seed, run_id, purpose, 16), "little")))
 

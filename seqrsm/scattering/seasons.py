@@ -133,7 +133,7 @@ def under_snow(
     value_db : float64 array (3, 91)
         The ground's own sigma0 [dB] at HH, HV, VV against `THETA_DEG`.
     frequency_ghz : float
-    snow : {"none", "dry", "wet"}
+    snow : {"dry", "wet"}
     depth_m : float
         Depth [m], >= 0.
 
@@ -144,8 +144,6 @@ def under_snow(
         the snow plus the snow's volume. Wet (3 percent water): between the ground and Ulaby and Dobson's wet snow, by
         the snow's absorption.
     """
-    if snow == "none" or depth_m <= 0.0:
-        return value_db, np.ones_like(value_db), ""
     ground = db_to_linear(value_db)
     if snow == "dry":
         volume, two_way = snow_volume(frequency_ghz, depth_m, _THETA)

@@ -365,7 +365,7 @@ def _of_all_channels(
     if curve.wind_m_s.size > 1:
         notes.append(f"wind {state.wind_m_s:.3g} m/s")
     closed = np.full(len(POLARIZATIONS), 1.0 - curve.soil_share)
-    if state.snow != "none" and curve.category not in _ABOVE_SNOW:
+    if state.snow != "none" and state.snow_depth_m > 0.0 and curve.category not in _ABOVE_SNOW:
         value, from_ground, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
         closed = closed * from_ground[:, _LEVEL_DEG]
         notes.append(note)

@@ -36,11 +36,8 @@ from seqrsm.scattering.readers import shipped_rows
 
 BARE_SOIL: Final = "Bareground"
 
-BANDS: Final = 2.0
-"""Octaves between draws from which bands take straight lines."""
-
 _ALL, _KIN = 0.25, 0.25
-_LOWEST_GHZ = 0.9
+_LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
 _COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH and VV have in common
 _EMISSIVITY_OWN: Final = 0.3
 _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
@@ -194,7 +191,12 @@ def _drawn(seed: int, number: int, name: str, frequency_ghz: float, harmonic: in
 
 
 def drawn_by_frequency(
-    seed: int, number: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float, step_octaves: float = BANDS
+    seed: int,
+    number: int,
+    purpose: str,
+    shape: tuple[int, ...],
+    frequency_ghz: float,
+    step_octaves: float = _STEP_OCTAVES,
 ) -> FloatArray:
     """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
 
@@ -220,7 +222,7 @@ def drawn_by_frequency(
     return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
 
 
-def related_by_frequency(one_ghz: float, other_ghz: float, step_octaves: float = BANDS) -> float:
+def related_by_frequency(one_ghz: float, other_ghz: float, step_octaves: float = _STEP_OCTAVES) -> float:
     """Correlation of what two frequencies [GHz] see of `drawn_by_frequency`."""
     places = (_place(ghz, step_octaves) for ghz in (one_ghz, other_ghz))
     first, second = ({band: 1.0 - share, band + 1: share} for band, share in places)

@@ -101,9 +101,9 @@ class RadarConfiguration:
     pulse_length_us : float
         Length of the transmitted pulse [us]; compression gains bandwidth x length.
     prf_hz : float
-        Pulses a second [Hz], all transmit polarizations together. More lessen the noise of a synthetic
-        aperture; that of a real one fluctuates as of one pulse a sample, which costs 2 points of percent correct at
-        most.
+        Pulses a second [Hz], all transmit polarizations together. A higher rate lowers the noise of a synthetic
+        aperture; that of a real one fluctuates as if each sample were one pulse, which costs at most 2 points of
+        percent correct.
     speed_m_s : float
         Ground speed [m/s].
     noise_figure_db, loss_db : float

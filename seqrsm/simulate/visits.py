@@ -92,7 +92,7 @@ def deviates(
 ) -> FloatArray:
     """`drawn_by_frequency` of a run, with a share of the variance that only near frequencies have in common.
 
-    Draws that channels, later dates and other worlds of a run ask for again are `kept_deviates`.
+    `kept_deviates` keeps them for channels, later dates and other worlds of a run, which ask for the same.
     """
     near = drawn_by_frequency(seed, run_id, purpose, shape, frequency_ghz)
     if own_share == 0.0:

@@ -37,10 +37,10 @@ def test_dry_snow_is_that_of_a_radiative_transfer_code(frequency):
 
 def test_snow_of_no_depth_changes_nothing_and_dry_snow_is_nearly_transparent_to_x_band():
     for snow in ("dry", "wet"):
-        bare = TABLE.lookup(["Wheat"], 9.6, "HH", season="winter").sigma0
-        np.testing.assert_array_equal(
-            TABLE.lookup(["Wheat"], 9.6, "HH", season="winter", snow=snow, snow_depth_cm=0.0).sigma0, bare
-        )
+        bare = TABLE.lookup(["Wheat"], 9.6, "HH", season="winter")
+        none = TABLE.lookup(["Wheat"], 9.6, "HH", season="winter", snow=snow, snow_depth_cm=0.0)
+        np.testing.assert_array_equal(none.sigma0, bare.sigma0)
+        assert none.notes == bare.notes  # an empty one was among them
     for frequency, most in ((1.25, 0.01), (5.4, 0.1), (9.6, 0.3)):
         bare, dry = (
             10.0 * np.log10(TABLE.lookup(["Wheat"], frequency, "HH", season="winter", snow=s).sigma0[0, 40])

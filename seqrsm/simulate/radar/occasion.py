@@ -178,7 +178,7 @@ class _Draws:
     shared: float
 
     def of_fields(self, purpose: str, n: int) -> FloatArray:
-        """As the visit's angle sees them, a share for the frequency's own."""
+        """As the visit's angle sees them, with a share that only near frequencies have in common."""
         return at_angle(self.visit, purpose, lambda name: self(name, n, OWN_OF_FIELDS))
 
     def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
