@@ -319,12 +319,22 @@ def test_counts_are_rehearsed_as_counts(monkeypatch: pytest.MonkeyPatch, respons
     made: list[tuple[Analysis, list[RunRecord]]] = []
     whole = rehearsal.make_campaign
     monkeypatch.setattr(rehearsal, "make_campaign", lambda *of, **more: made.append(whole(*of, **more)) or made[-1])
-    numbers = rehearsed(spec, analyse(spec, spec.applications[0], runs, n_draws=500), 3)[0]["numbers"]
+    first = analyse(spec, spec.applications[0], runs, n_draws=500)
+    numbers = rehearsed(spec, first, 3)[0]["numbers"]
     assert numbers["coverage_new_run"] > 0.8
+
+    def binomial(values: Any) -> Any:
+        p = first.scale.to_score(values) / 100.0
+        return p * (1.0 - p) if response == "identity" else 1.0 / (p * (1.0 - p))
+
+    draws = draw_coefficients(spec, first.fitted, sampler="exact", n_draws=500)
+    truth = rehearsal._truth(first, draws, np.random.default_rng(2))
+    ends = np.array([[0.0, 0.0], [1.0, -1.0]])
+    high, low = truth.sd(ends) / np.sqrt(binomial(truth.mean(ends)))
+    assert high == pytest.approx(low, rel=0.05)
     for analysis, done in made:
         assert {score.n for run in done for score in run.scores} == {150}
-        p = analysis.scale.to_score(analysis.fit.y - analysis.fit.residuals) / 100.0
-        each = p * (1.0 - p) if response == "identity" else 1.0 / (p * (1.0 - p))
+        each = binomial(analysis.fit.y - analysis.fit.residuals)
         expected = (1.0 / each) / np.mean(1.0 / each)
         np.testing.assert_allclose(analysis.fit.weights, expected, rtol=0.12)
         assert np.ptp(expected) > 1.0

@@ -22,7 +22,7 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score import brightness, moisture
+from seqrsm.score import bare_soil, brightness, moisture
 from seqrsm.score.bare_soil import _away_from_edges, _covariance, _departures_db, _tables, retrieved_fields
 from seqrsm.score.brightness import (
     GRID,
@@ -78,7 +78,7 @@ def test_without_disturbance_the_moisture_is_found(cone_deg: float) -> None:
     )  # fmt: skip
     made = [simulate_radiometer(s, replace(r, bandwidth_mhz=1e3), quiet_table(), seed=2, run_id=k) for k in range(5)]
     each = [score_moisture([one], s, SKILL, seed=2, run_id=k) for k, one in enumerate(made)]
-    assert np.median([one.value for one in each]) > 0.93  # beams see beyond their squares
+    assert np.median([one.value for one in each]) > (0.995 if cone_deg else 0.93)  # beams see beyond their squares
     found, score = made[2], each[2]
     assert (score.guess, score.perfect) == (0.0, 1.0)
     error = score_moisture([found], s, ERROR, seed=2, run_id=1)
@@ -670,16 +670,20 @@ def test_ground_beside_a_hole_is_not_compared() -> None:
     assert not inside[38:50, 38:50].any()
 
 
-def test_what_lies_beside_small_bare_fields_does_not_outshine_them() -> None:
-    """At L band it is 15 dB brighter at HV: with the pixels at the edges the skill was -2.0 over 16 runs, then 0.03."""
+def test_what_lies_beside_small_bare_fields_does_not_outshine_them(monkeypatch) -> None:
+    """At L band it is 15 dB brighter at HV: with the pixels at the edges, the control, some skills are below -1."""
     s = load_scene(Path(__file__).parents[2] / "campaigns" / "langegracht-radar" / "scene.npz")
     given = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "soil_moisture_field_sd": 0.04}
-    settings = {"frequency": 1.25, "polarization": "HH+HV+VV", "resolution": 16.0, "depression_angle": 50.0}
-    radar, skills = from_settings(settings, given), []
-    for run in range(900, 906):
+    settings = {"frequency": 1.25, "polarization": "HH+HV+VV", "resolution": 24.0, "depression_angle": 50.0}
+    radar, skills, control = from_settings(settings, given), [], []
+    for run in range(900, 912):
         found = simulate_radar(s, radar, load_sigma0_table().in_world(World(1979, run)), seed=1979, run_id=run)
         skills.append(score_moisture([found], s, SKILL, seed=1979, run_id=run).value)
-    assert np.mean(skills) > -0.6
+        with monkeypatch.context() as patched:
+            patched.setattr(bare_soil, "_away_from_edges", lambda image, _: image.pixel_of_cell >= 0)
+            control.append(score_moisture([found], s, SKILL, seed=1979, run_id=run).value)
+    assert np.mean(skills) > max(np.mean(control) + 0.2, 0.0)
+    assert min(skills) > -0.6 > -1.0 > min(control)
 
 
 def test_several_dates_and_bands_are_scored_together() -> None:
