@@ -14,7 +14,6 @@ from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import clip_percent, logit_scores, logit_to_percent, logit_variance
 
 _ROUNDS = 4
-_AT_HALF = 2500.0  # decisions that make a standard deviation of 1 point at 50 %
 _LEAST_REPEATS = 3
 """Degrees of freedom of pure error from which it tells the scatter of scores; below, the residuals do."""
 
@@ -77,7 +76,8 @@ def unbiased_logits(
         root = 1.0 / np.sqrt(logit_variance(expected, count=trials, equal=equal) * relative)
         expected = clip_percent(logit_to_percent(Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]))
         binomial = 0.0 if trials is None else 1.0
-        each = relative if equal else relative * share_variance(expected, _AT_HALF if trials is None else trials)
+        of_share = expected * (100.0 - expected) if trials is None else share_variance(expected, trials)
+        each = relative if equal else relative * of_share
         beyond = max(_scatter(Z, percent, expected, each) - binomial, 0.0)
         values = scored - (_mean_logit(expected, np.sqrt(beyond * each)) - logit_scores(expected))
     return values, expected

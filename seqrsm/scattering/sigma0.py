@@ -235,9 +235,7 @@ class Sigma0Table:
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
         in_c = share_of_c(frequency)
         field_sd = np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names])
-        soil_sd = (
-            self.variability.get((BARE_SOIL, channel)) or _shipped_table().variability[BARE_SOIL, channel]
-        ).date_sd_db
+        soil_sd = self.variability[BARE_SOIL, channel].date_sd_db
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,

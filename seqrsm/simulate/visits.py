@@ -152,7 +152,7 @@ def half_lasting(
         return kept_deviates(seed, run_id, name, shape, frequency_ghz, OWN_OF_FIELDS)
 
     if not visit.days:
-        return kept(visit.dated(purpose))
+        return kept(purpose)
     return math.sqrt(0.5) * (over_dates(visit, purpose, kept, FAST_DAYS) + kept(f"lasting {purpose}"))
 
 

@@ -18,6 +18,7 @@ from typer.testing import CliRunner, Result
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
 from seqrsm.campaign import check, rests_on
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.check import _Scatter, _surfaces
 from seqrsm.campaign.dossier import _reproduce as reproduce
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
 from seqrsm.cli.app import app
@@ -301,6 +302,11 @@ def test_check_tells_the_scatter_and_the_ground_that_the_scores_tell(copy) -> No
     assert told["noise_source"] == simulations
     assert told["ground_share"] == best["ground"]["share_of_variance"]
     assert told["noise"] == pytest.approx(np.hypot(best["ground"]["sd_ground"], best["ground"]["sd_chance"]))
+    campaign = Campaign.open(copy)
+    (analysis,), (one,) = campaign.analyse_all(), campaign.spec.applications
+    known = _surfaces(campaign.spec, one, _Scatter(), analysis)
+    assert known.noise * known.at_best == pytest.approx(told["noise"])
+    assert known.at_best == pytest.approx(np.sqrt(analysis.fitted.run_ratio)) != 1.0
 
 
 def test_the_variation_over_the_region_is_told_from_grounds(tiny, monkeypatch) -> None:
@@ -340,7 +346,7 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
 def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:
     result = seqrsm("run", tiny, "--max-runs", 3)
     assert result.exit_code == 2
-    assert "the initial design has" in result.stderr
+    assert "error: max_runs: the initial design has" in result.stderr
     assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
 
 

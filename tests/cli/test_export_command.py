@@ -12,6 +12,8 @@ import pytest
 from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import _reproduce
 from seqrsm.campaign.export import export
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
@@ -100,6 +102,13 @@ def test_the_report_tells_what_rankings_mean_and_all_commands(flown: Path, tmp_p
         "fit flown",
         "report flown",
     ]
+
+
+def test_runs_void_for_one_reason_stand_in_one_command_where_nothing_was_done_between(flown: Path) -> None:
+    for what in ((4,), ("--ranking", 2), (5,), (6, 7)):
+        call("void", flown, *what, "--why", "clouds")
+    told = [step.split(" flown ")[1] for step in _reproduce(Campaign.open(flown), ()) if "void" in step]
+    assert told == [f"{which} --why clouds" for which in ("3", "4", "--ranking 2", "5 6 7")]
 
 
 def test_each_score_traces_to_its_file_row_and_decision(flown, tmp_path):

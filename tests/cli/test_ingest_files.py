@@ -294,7 +294,7 @@ def ranked(tmp_path):
     """A campaign with six runs issued, whose images are to be ranked."""
     first = '[[application]]\nname = "crops"\nutility = "percent_correct"'
     folder = Folder(tmp_path, SPEC.format(more="").replace(first, '[[application]]\nname = "clear"\nutility = "rank"'))
-    folder.call("propose", "--source", "flight")
+    assert "ranked along" not in folder.call("propose", "--source", "flight")  # there are no earlier ones
     return folder
 
 

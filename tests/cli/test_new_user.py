@@ -112,6 +112,7 @@ def test_a_module_that_ends_the_program_when_it_is_imported_is_told(own) -> None
         ("nowhere:score", "return 1.0", "Put its module beside campaign.toml, or install its package."),
         ("mine:other", "return 1.0", "Correct the module."),  # it was told to put the module where it is
         ("mine:score", "return = 3", "Correct the module."),
+        ("mine:score", "return 1.0\nfrom math import nothing", "Correct the module."),
     ],
 )
 def test_a_module_that_is_wrong_is_not_told_to_be_elsewhere(own, name: str, body: str, remedy: str) -> None:
@@ -170,6 +171,9 @@ def test_the_next_command_can_be_pasted_where_a_name_has_blanks(tmp_path) -> Non
     _, next_one = told.strip().split("next: ")
     assert shlex.split(next_one) == ["seqrsm", "ingest", str(folder), str(folder / "flight_scores.csv")]
     assert CliRunner().invoke(app, shlex.split(next_one)[1:]).exit_code == 0
+    other = tmp_path / "my floods"
+    told = CliRunner().invoke(app, ["init", str(other), "--application", "flood"]).stderr
+    assert shlex.split(told.strip().split("next: ")[1]) == ["seqrsm", "check", str(other)]
 
 
 def test_simulate_without_a_simulator_says_to_fly(tmp_path) -> None:
@@ -394,14 +398,21 @@ def test_fields_that_training_and_test_divide_are_told_where_most_ground_is_thei
     """Of one cover under four names 42 to 49 % were right over fields of 300 to 500 m, where 25 % are by chance."""
     scene, told = load_scene(tiny_scene), []
     row, column = (at // side for at, side in zip(np.indices(scene.shape), (30, 40), strict=True))
-    for field, name in ((2 * row + column, "four"), (column, "two")):
-        changed = {"cover": column.astype(np.uint8), "field_id": field.astype(np.int32)}
+    few, rest = np.indices(scene.shape)[1] // 15, np.indices(scene.shape)[0] // 15
+    lone = np.where(few == 0, 0, 1 + 8 * rest + few)  # of ground of one cover, a fifth
+    for field, cover, name in (
+        (2 * row + column, column, "four"),
+        (lone, np.minimum(few, 1), "lone"),
+        (column, column, "two"),
+    ):
+        _, number = np.unique(field, return_inverse=True)
+        changed = {"cover": cover.astype(np.uint8), "field_id": number.reshape(field.shape).astype(np.int32)}
         save_scene(replace(scene, **changed, cell_m=10.0), tmp_path / f"{name}.npz")
         folder = make_tiny(tmp_path / name, tmp_path / f"{name}.npz")
         told.append(" ".join(json.loads(call("check", folder, "--json"))["combinations"]))
-    assert "scores are too high" not in told[0]
-    assert "100 % of the scored ground lies in fields that are most of their cover's" in told[1]
-    assert "--field-m" in told[1]
+    assert "scores are too high" not in told[0] + told[1]
+    assert "100 % of the scored ground lies in fields that are most of their cover's" in told[2]
+    assert "--field-m" in told[2]
 
 
 def test_ground_of_one_cover_is_refused_and_a_cover_of_one_small_field_is_told(tmp_path, tiny_scene) -> None:

@@ -33,6 +33,9 @@ def test_a_table_is_read_as_shares_of_each_cover(tmp_path: Path) -> None:
     np.testing.assert_allclose(known.share, [[0.2, 0.6, 0.2], [0.6, 0.2, 0.2]])
     semicolons = TABLE.replace(",", ";").replace("60", "60,0")  # of a spreadsheet, with decimal commas
     np.testing.assert_array_equal(load_known_map(written(tmp_path, semicolons), ("Corn", "Wheat")).share, known.share)
+    with pytest.raises(UserError, match="Use a decimal point"):  # a comma between commas may be anything
+        load_known_map(written(tmp_path, TABLE.replace("60", '"60,0"')), ("Corn", "Wheat"))
+    written(tmp_path)
     # What was never seen is not ruled out.
     vegetables = load_known_map(tmp_path / "map.csv", ("Vegetables",))
     np.testing.assert_allclose(vegetables.log_share[:, 0], np.log([1e-3, 0.5, 0.5]))

@@ -14,6 +14,7 @@ from seqrsm.scattering.seasons import snow_volume, under_snow
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.sensor.radar import RadarConfiguration, from_settings
+from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_occasion
 from seqrsm.simulate.visits import Visit
 from seqrsm.units import linear_to_db
@@ -197,6 +198,14 @@ def test_fields_and_dates_of_bare_ground_depart_alike_whatever_was_sown() -> Non
     assert np.ptp(summer.date_sd_db) > 1.5
     np.testing.assert_allclose(winter.closed, [0.05, 0.05, 0.05, 0.0], atol=1e-12)
     np.testing.assert_allclose(winter.field_sd_db, 1.6, atol=0.1)
+    bare, world = ("Bareground",), World(3, 1)
+    there = load_sigma0_table().in_world(world).lookup(bare, 5.4, "HV", season="winter")
+    assert there.field_sd_db[0] == pytest.approx(1.6 * world.field_factor("Bareground"))
+    told = [
+        any(note.startswith("ground that is bare") for note in one.notes)
+        for one in (winter, summer, load_sigma0_table().lookup(bare, 5.4, "HV", day=300.0))
+    ]
+    assert told == [True, False, False]
     np.testing.assert_allclose(winter.date_sd_db, 1.0, atol=0.1)
     np.testing.assert_allclose(winter.mean_sd_db, winter.mean_sd_db[3], atol=0.1)  # frozen soil's
     assert winter.mean_sd_db[3] > summer.mean_sd_db[3]
@@ -228,6 +237,29 @@ def test_nothing_is_seen_of_covers_under_deep_wet_snow(depth_cm: float) -> None:
         for snow in ("none", "dry")
     )
     np.testing.assert_allclose(dry.closed, clear.closed, atol=0.01)  # L band sees through
+    hidden = load_sigma0_table().lookup(names, 17.0, "VV", season="winter", snow="dry", snow_depth_cm=10 * depth_cm)
+    assert (hidden.closed[[1, 3]] < 0.8 * clear.closed[[1, 3]]).all()
+
+
+def test_fields_that_lie_bare_relate_hh_and_vv_as_bare_soil_does() -> None:
+    names = ("Bareground", "Wheat")
+    soil, wheat = (
+        occasion._related(5.4, TABLE, TABLE.lookup(names, 5.4, "HH", season=season)).mean
+        for season in ("spring_summer", "winter")
+    )
+    assert abs(soil[0] - soil[1]) > 0.05
+    assert wheat[1] == pytest.approx(0.05 * soil[1] + 0.95 * soil[0])
+
+
+def test_bare_fields_are_as_well_known_as_bare_soil_of_ones_own(tmp_path) -> None:
+    rows = [f"sigma0,Bareground,5.4,VV,winter,{theta},-12,0.3,dB,measured,me\n" for theta in (20, 60)]
+    header = "quantity,category,frequency_ghz,polarization,season,theta_deg,value,mean_sd,unit,status,source\n"
+    (tmp_path / "own.csv").write_text(header + "".join(rows), encoding="utf-8")
+    table = load_sigma0_table(tmp_path / "own.csv")
+    key = {"frequency_ghz": 5.4, "polarization": "VV", "season": "winter"}
+    ours, shipped = (one.lookup(("Wheat",), **key).mean_sd_db[0] for one in (table, TABLE))
+    (soil,) = TABLE.lookup(("Bareground",), **key).mean_sd_db
+    assert ours == pytest.approx(shipped + 0.95 * (0.3 - soil))
 
 
 def test_bare_soil_of_ones_own_departs_under_snow_as_without() -> None:

@@ -341,7 +341,7 @@ def test_a_users_numbers_stand_as_they_are(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sign", [";", "\t"])
 def test_a_spreadsheet_with_decimal_commas_is_read_as_the_same_table(tmp_path: Path, sign: str) -> None:
-    rows = [("sigma0,Wheat,5.0,HH,,20,-9.25,1.5,dB,measured,me"), ("sigma0,Wheat,5.0,HH,,60,-11.5,,dB,measured,me")]
+    rows = ["sigma0,Wheat,5.0,HH,,20,-9.25,1.5,dB,measured,me", "sigma0,Wheat,5.0,HH,,60,-1.15e1,,dB,measured,me"]
     path = tmp_path / "own.csv"
     path.write_text(HEADER + "\n".join(rows) + "\n", encoding="utf-8")
     expected = load_sigma0_table(path).lookup(["Wheat"], 5.0, "HH").sigma0
@@ -355,6 +355,10 @@ def test_a_spreadsheet_with_decimal_commas_is_read_as_the_same_table(tmp_path: P
 
 def test_many_wrong_rows_are_told_with_their_number(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
+    path.write_text(
+        HEADER + own_rows().replace("flight 7", "flight 7; 8; 9; 10; 11; 12; 13; 14; 15; 16; 17; 18"), "utf-8"
+    )
+    assert load_sigma0_table(path)  # the header tells what separates cells
     path.write_text(HEADER + own_rows(unit="1").replace(",0.1,", ",-0.1,") * 10, encoding="utf-8")
     with pytest.raises(ScatteringDataError, match="70 more problems like these") as caught:
         load_sigma0_table(path)
