@@ -203,7 +203,7 @@ def test_fields_and_dates_of_bare_ground_depart_alike_whatever_was_sown() -> Non
     assert there.field_sd_db[0] == pytest.approx(1.6 * world.field_factor("Bareground"))
     told = [
         any(note.startswith("ground that is bare") for note in one.notes)
-        for one in (winter, summer, load_sigma0_table().lookup(bare, 5.4, "HV", day=300.0))
+        for one in (winter, summer, load_sigma0_table().lookup(names, 5.4, "HV", day=300.0))
     ]
     assert told == [True, False, False]
     np.testing.assert_allclose(winter.date_sd_db, 1.0, atol=0.1)
