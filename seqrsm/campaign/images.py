@@ -134,11 +134,16 @@ class Simulated:
     def told(self, shape: Sequence[int]) -> dict[str, Any]:
         """Settings, shape, record of the engine, scores and notes, and all of it in a sentence."""
         spec, task, made = self.campaign.spec, self.task, self.task.acquisitions
-        scores = {name: score_images(task, utility, self.images, self.scene).value for name, utility in task.utilities}
+        scores, found = {}, []
+        for name, utility in task.utilities:
+            try:
+                scores[name] = score_images(task, utility, self.images, self.scene).value
+                found.append(f"{name} {scores[name]:.4g} {spec.application(name).score_unit}".rstrip())
+            except SceneError as error:  # of this ground; the image is one all the same
+                found.append(f"no score for {name}: {error.problems[0].message}")
         shown = settings_text(spec.factors, task.settings)
         if label := made[self.number - 1].label:
             shown += f"; image {self.number} of {len(made)}: {label}"
-        found = (f"{name} {value:.4g} {spec.application(name).score_unit}".rstrip() for name, value in scores.items())
         return {
             "settings": dict(task.settings),
             "shape": list(shape),

@@ -144,7 +144,7 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     (compared / "campaign.toml").write_text(asked, encoding="utf-8")
     document = json.loads(ok("candidates", compared, "--worlds", 5, "--json"))
     rows = document["applications"]["cover"]["candidates"]
-    assert max(row.get("probability", 0.0) for row in rows if row["how"] == "simulation") < 0.05
+    assert max(row.get("probability", 0.0) for row in rows if row["how"] == "simulation") < 0.2
     assert document["applications"]["cover"]["relative"] is False
     dossier = assemble(Campaign.open(compared))
     assert "candidates" in [section.key for section in build_report(dossier).sections]

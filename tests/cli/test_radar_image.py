@@ -346,7 +346,8 @@ def test_scenes_with_holes_and_without_anything(campaign, tiny_scene):
     empty = np.full_like(cover, 255)
     field = np.zeros_like(whole.field_id)
     save_scene(dataclasses.replace(whole, cover=empty, scored=nothing, field_id=field), folder / "scene.npz")
-    refused(folder, "no scored cell")
+    told = call("image", folder, "--out", folder / "i.npz")
+    assert "no score for cover: no scored cell lies in the image" in told.stdout + told.stderr
 
 
 @pytest.mark.parametrize("cut", [np.s_[:1, :1], np.s_[:1, :], np.s_[:, :1]])

@@ -238,9 +238,9 @@ def test_all_seven_passive_parameters_may_be_factors(folder):
     first = nedt()
     assert nedt(integration_time=0.3) == pytest.approx(first / 3.0**0.5, rel=2e-3)
     assert nedt(bandwidth=300.0) == pytest.approx(first / 15.0**0.5, rel=2e-3)
-    # The system's temperature is the receiver's plus the antenna's, some 280 K of land.
+    # The system's temperature is the receiver's plus the antenna's, 200 to 280 K of land by how wet it is.
     antenna = (800.0 - 100.0) / (nedt(noise_temperature=800.0) / first - 1.0) - 100.0
-    assert 240.0 < antenna < 300.0
+    assert 200.0 < antenna < 300.0
     # Twice the period: sweeps twice as far apart, half as many of them in a line of 30 m.
     assert nedt(scan_period=0.6) == pytest.approx(first * 2.0**0.5, rel=0.03)
 
