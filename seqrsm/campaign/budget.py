@@ -49,6 +49,8 @@ class Surfaces:
         That scale is the logit of percent scores; else that of the scores.
     at_best : float
         Standard deviation of a future run at the optimum, where the ground was simulated, over ``noise``.
+    level : float
+        Score at which runs scatter by ``noise``, where they scatter as shares do [%]; nan: where they scatter alike.
     """
 
     model: QuadraticModel
@@ -57,6 +59,7 @@ class Surfaces:
     source: str
     logit: bool = False
     at_best: float = 1.0
+    level: float = float("nan")
 
     def scores(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
@@ -67,6 +70,16 @@ class Surfaces:
         if not self.logit:
             return np.ones((len(values), 1))
         return 1.0 / np.sqrt(logit_variance(logit_to_percent(values), equal=True))
+
+    def scatter(self, values: FloatArray) -> FloatArray:
+        """Standard deviation (n, m) of runs in score units over ``noise``; (n, 1) where they scatter alike."""
+        if np.isnan(self.level):
+            return np.ones((len(values), 1))
+        here, there = (
+            np.sqrt(logit_variance(percent) / logit_variance(percent, equal=True))
+            for percent in (logit_to_percent(values), np.array(self.level))
+        )
+        return np.asarray(here / there)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,8 +257,9 @@ class Budget:
             return Plan(change, n, p, asked, float("nan"), float("nan"))
         # The first runs of every number are the same, so that numbers differ by what more runs give.
         spread, repeats = (generator(self.seed, 0, f"budget: {kind} runs") for kind in ("spread", "repeated"))
-        every, slope = np.arange(truth.shape[1]), self.known.slope(truth)
-        # Runs scatter alike in score units: by the square of the slope they count on the scale of the fit.
+        every, scatter = np.arange(truth.shape[1]), self.known.scatter(truth)
+        # Over the scatter in score units: by its square runs count on the scale of the fit.
+        slope = self.known.slope(truth) / scatter
         own, root = Z[rows], slope[rows]
         y = truth[rows] + noise / root * spread.standard_normal((n_spread, len(every)))
         weighted = own * root.T[:, :, None]  # (campaigns, runs, terms); one for all campaigns where they weigh alike
@@ -254,7 +268,8 @@ class Budget:
         beta = (inverse @ (turned @ (y * root).T[:, :, None]))[..., 0].T
         rss = np.sum((root * (y - own @ beta)) ** 2, axis=0)
         fitted, through = Z @ beta, Z @ inverse
-        h, slope = (np.broadcast_to(each, truth.shape) for each in (np.sum(through * Z, axis=2).T, slope))
+        h = np.broadcast_to(np.sum(through * Z, axis=2).T, truth.shape)
+        slope, scatter = (np.broadcast_to(each, truth.shape) for each in (slope, scatter))
         if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
             at = np.argmax(sign * fitted, axis=0)
             there, each = slope[at, every], noise * repeats.standard_normal((m, len(every)))
@@ -266,7 +281,7 @@ class Budget:
         at = np.argmax(sign * fitted, axis=0)
         rule, ratio = replace(self.rule, max_runs=n), self.known.at_best
         h_there = h[at, every] * (slope[at, every] / ratio) ** 2
-        width = rule.width(ratio * np.sqrt(rss / (n - p)), n - terms, h_there)
+        width = rule.width(ratio * scatter[at, every] * np.sqrt(rss / (n - p)), n - terms, h_there)
         loss = np.maximum(self._best - sign * self.known.scores(truth[at, every]), 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 

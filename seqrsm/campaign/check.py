@@ -480,11 +480,13 @@ def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter,
     """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
     prior, noise, spread, level = application.prior, found.noise, found.spread, found.level
     logit = spec.model.response == "logit"
+    as_shares = logit and spec.model.weights != "se"
     if analysis is not None and analysis.fitted.surface.s > 0.0:
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
         source = f"quadratics drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         ratio, at_best = math.sqrt(analysis.fitted.run_ratio), analysis.sd_of_run
-        return Surfaces(analysis.model, draws.terms, at_best / ratio, source, logit, ratio)
+        top = analysis.optimum.mean if as_shares else math.nan
+        return Surfaces(analysis.model, draws.terms, at_best / ratio, source, logit, ratio, top)
     if np.isfinite(spread):
         source = "random quadratics with the variation over the region of these simulations"
     elif prior is not None and prior.utility is not None:
@@ -497,6 +499,6 @@ def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter,
         spread = ASSUMED_SPREAD * noise
         source = f"random quadratics varying over the region {ASSUMED_SPREAD:g} times as much as a run (assumed)"
     # Without a level half-widths are in standard deviations of a run, on the scale of the fit.
-    return random_surfaces(
-        spec.region, noise, spread, source, spec.seed, level if logit and math.isfinite(level) else None
-    )
+    of_logits = level if logit and math.isfinite(level) else None
+    known = random_surfaces(spec.region, noise, spread, source, spec.seed, of_logits)
+    return replace(known, level=level) if as_shares else known

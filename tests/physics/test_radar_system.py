@@ -275,7 +275,7 @@ def test_receivers():
     for name, value in expected.items():
         got = quiet(s, radar(receiver=name, receiver_level_db=-10.0)).intensity
         np.testing.assert_allclose(got, value, rtol=3e-3, atol=0.0)
-    with pytest.raises(ConfigurationError, match="cannot be imported: .*Put its module beside"):
+    with pytest.raises(ConfigurationError, match=r"cannot be imported: .*Put its module beside"):
         quiet(s, radar(receiver="no.such:thing"))
 
 

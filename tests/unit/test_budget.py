@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
 from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
+from seqrsm.campaign.check import _Scatter, _surfaces
 from seqrsm.cli.app import app
 from seqrsm.decide.stopping import StopRule, telling
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -61,7 +62,7 @@ def test_constants_of_days_cost_degrees_of_freedom_and_ask_for_runs() -> None:
 
 
 def test_surfaces_of_logits_stay_below_100_percent_and_tell_their_scatter_there() -> None:
-    """Drawn as on the score scale half of them were above 100 percent somewhere; scores scatter alike in percent."""
+    """Drawn as on the score scale half of them were above 100 percent somewhere; half a point of scatter at 93."""
     known = random_surfaces(REGION, 0.5, 6.0, "", 1, level=93.0)
     at = REGION.sample(4000, np.random.default_rng(5))
     scores = 100.0 / (1.0 + np.exp(-known.model.matrix(at) @ known.coefficients.T))
@@ -71,6 +72,26 @@ def test_surfaces_of_logits_stay_below_100_percent_and_tell_their_scatter_there(
     plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=600), known)
     assert plans[0].half_width == pytest.approx(0.5 * student.ppf(0.975, 594), rel=0.03)
     assert 0.0 <= plans[0].loss < 0.05
+    best = scores.max(axis=0)
+    plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=600), replace(known, level=93.0))
+    as_shares = np.median(np.sqrt(best * (100.0 - best) / (93.0 * 7.0)))
+    assert as_shares < 0.8
+    assert plans[0].half_width == pytest.approx(0.5 * as_shares * student.ppf(0.975, 594), rel=0.05)
+
+
+@pytest.mark.parametrize(("model", "level"), [("", 88.5), ('weights = "se"\n', np.nan)])
+def test_check_takes_logits_to_scatter_as_shares_unless_standard_errors_are_stated(tmp_path, model, level) -> None:
+    """As fits do: a half-width of 4.0 points was foretold where they reach 2.8, at 93 percent of a mean of 85."""
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "m"\nseed = 1\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
+        '[[application]]\nname = "score"\nutility = "percent_correct"\n[application.prior]\nutility = [80.0, 97.0]\n'
+        f'[model]\nresponse = "logit"\n{model}[stop]\nhalf_width = 20.0\n',
+        encoding="utf-8",
+    )
+    spec = load_spec(tmp_path)
+    known = _surfaces(spec, spec.applications[0], _Scatter(), None)
+    assert known.logit
+    assert known.level == pytest.approx(level, nan_ok=True)
 
 
 def test_a_plan_of_logits_is_as_weighted_least_squares_are() -> None:
