@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
 from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import _Scatter, _surfaces
 from seqrsm.cli.app import app
 from seqrsm.decide.stopping import StopRule, telling
@@ -92,18 +93,27 @@ def test_check_takes_logits_to_scatter_as_shares_unless_standard_errors_are_stat
     known = _surfaces(spec, spec.applications[0], _Scatter(), None)
     assert known.logit
     assert known.level == pytest.approx(level, nan_ok=True)
+    rows = [f"{x / 10.0},{90.0 - 0.2 * x * x + 2.0 * (x % 3)},1" for x in range(-9, 10)]
+    (tmp_path / "s.csv").write_text("\n".join(["x,score,se", *rows]), encoding="utf-8")
+    made = Campaign.open(tmp_path)
+    made.ingest(tmp_path / "s.csv", accept=True)
+    (analysis,) = made.analyse_all()
+    known = _surfaces(spec, spec.applications[0], _Scatter(), analysis)
+    assert known.level == pytest.approx(analysis.optimum.mean if model == "" else np.nan, nan_ok=True)
 
 
-def test_a_plan_of_logits_is_as_weighted_least_squares_are() -> None:
+@pytest.mark.parametrize("level", [np.nan, 95.0])
+def test_a_plan_of_logits_is_as_weighted_least_squares_are(level: float) -> None:
     """Of one truth: the confidence interval by statsmodels' weights, in percent by the slope at the optimum."""
     model, beta = QuadraticModel(REGION.factors, 1), np.array([2.0, 0.9, 0.4])
-    known = Surfaces(model, np.tile(beta, (200, 1)), 1.0, "", logit=True)
+    known = Surfaces(model, np.tile(beta, (200, 1)), 1.0, "", logit=True, level=level)
     rule = StopRule(interval="confidence", half_width=1.0, max_runs=9)
     budget = Budget(REGION, 1, "maximize", rule, known, REGION.centre(), 1)
     Z = model.matrix(budget._cloud)
     rows = _greedy(Z, 9)
     slope = lambda eta: 100.0 / (2.0 + np.exp(eta) + np.exp(-eta))  # noqa: E731
-    theirs = sm.WLS(np.arange(9.0), Z[rows], weights=slope(Z[rows] @ beta) ** 2).fit()
+    variance = np.ones(9) if np.isnan(level) else slope(Z[rows] @ beta) / (level * (1.0 - level / 100.0))
+    theirs = sm.WLS(np.arange(9.0), Z[rows], weights=slope(Z[rows] @ beta) ** 2 / variance).fit()
     best = np.array([1.0, 1.0, 1.0])
     h = best @ theirs.normalized_cov_params @ best
     s = np.sqrt(np.median(np.random.default_rng(0).chisquare(6, 100_000)) / 6)
