@@ -376,7 +376,8 @@ def test_covers_of_the_same_powers_are_told_apart_by_the_phase(monkeypatch: pyte
     curves = dict(TABLE.curves)
     for name in names:
         curves[name, "spring_summer"] = replace(TABLE.curves["Wheat", "spring_summer"], category=name)
-    same = replace(TABLE, curves=curves, variability={})
+    bare = {key: own for key, own in TABLE.variability.items() if key[0] == "Bareground"}  # of which every table knows
+    same = replace(TABLE, curves=curves, variability=bare)
     ground = replace(patches(), categories=names)
     score = {}
     for channels in (FULL, FULL[:3]):
