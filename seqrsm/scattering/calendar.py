@@ -13,8 +13,10 @@ band the course is linear in the logarithm of frequency; X and Ku bands follow C
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
 late (`data/calendar_fields.csv`). All dates see the same draw of them. Where crops leave soil bare, nothing but their
-mean course tells one from the other: they depart from it as one soil, and differ between fields alike. All this is of
-Europe: elsewhere it may come some days later, and covers may have a course of the user's own.
+mean course tells one from the other, or from bare ground: they depart from it as one soil, differ between fields alike,
+and feel its moisture by the soil's part of the echo: in L band that of the water cloud, from C band on the part of the
+ground that is bare (assumed). All this is of Europe: elsewhere it may come some days later, and covers may have a
+course of the user's own.
 """
 
 from __future__ import annotations
@@ -67,8 +69,8 @@ class Fields:
 
     Attributes
     ----------
-    group : {"cereal", "broadleaf", "grass", "even"}
-        Kind of the crop; the same all year where "even".
+    group : {"cereal", "broadleaf", "grass", "even", "soil"}
+        Kind of the crop; the same all year where "even" or bare "soil".
     lasting_share : tuple of float
         Share of the variance between fields that stays for the year, of HH and VV, and of HV.
     memory_days : tuple of float
@@ -97,31 +99,26 @@ class Course:
     tilt_db_per_deg : float64 array (n_categories, 365)
         What a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and 60.
     closed : float64 array (n_categories, 365)
-        Share of the soil that is hidden, 1 of covers without a course.
+        Share of the soil that is hidden, 1 of covers without a course, 0 of bare soil.
+    soil_share : float64 array (n_categories, 365)
+        Part of the echo that is bare soil's at 40 degrees.
     sd_db : float64 array (n_categories, 365)
         Standard deviation of the course about that of a given ground [dB].
     lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
         See `Fields`.
     even : bool array (n_categories,)
-        Covers without a course.
-    bare_field_sd_db : float
-        Standard deviation between fields of bare soil, whatever their crop [dB].
+        Covers that neither are bare soil nor have a course.
     """
 
     change_db: FloatArray
     tilt_db_per_deg: FloatArray
     closed: FloatArray
+    soil_share: FloatArray
     sd_db: FloatArray
     lasting_share: FloatArray
     memory_days: FloatArray
     shift_days: FloatArray
     even: FloatArray
-    bare_field_sd_db: float
-
-    def field_sd_db(self, season_db: FloatArray, day: float) -> FloatArray:
-        """Standard deviation between fields on a day [dB], (n_categories,), from that under closed canopies."""
-        closed = on_day(self.closed, day)
-        return np.asarray(closed * season_db + (1.0 - closed) * self.bare_field_sd_db)
 
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
@@ -202,30 +199,31 @@ class Calendar:
         categories without a calendar, or without rows in the user's.
         """
         rows, cross = self._fields(categories), int(channel == "HV")
-        years = np.empty((4, len(rows), DAYS.size))
+        years = np.empty((5, len(rows), DAYS.size))
         for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
-            tilt, days, late, sd = 0.0 * DAYS, level_days(frequency_ghz), self.late_days, 0.0
+            days, late, sd = level_days(frequency_ghz), self.late_days, 0.0
             closed = self._closed(name)
+            change, tilt, soil_share = 0.0 * DAYS, 0.0 * DAYS, 1.0 - closed
             if name in self.own:
                 change, sd = self._of_own(name, frequency_ghz, channel)
                 days, late = _EVEN_DAYS, 0
-            else:
-                change = _change_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
-                if row.group != "even":
-                    sd = _sd_db(row.group, frequency_ghz, cross)
+            elif row.group != "even":
+                sd = _sd_db(row.group, frequency_ghz, cross)
+                if row.group != "soil":
+                    change, soil_share = _course_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
                     tilt = -_TILT_DB_PER_DEG * (closed[_FLIGHTS].mean() - closed)
             if world is not None:
                 own, soil = (world.season(one, kin[one], frequency_ghz, channel, days) for one in (name, BARE_SOIL))
                 change = change + sd * over_soil(own, soil, closed, related_covers(kin[name], kin[BARE_SOIL]))
-            years[:, k] = np.roll([change, tilt, closed, sd * course_deviation(days)], late, axis=1)
+            years[:, k] = np.roll([change, tilt, closed, soil_share, sd * course_deviation(days)], late, axis=1)
+        changes, tilts, closeds, shares, sds = years
         even = np.array([row.group == "even" for row in rows])
         kept = [(row.lasting_share[cross], row.memory_days[cross], row.shift_days) for row in rows]
         lasting, memory, shift = np.array(kept).reshape(-1, 3).T
-        bare_sd = bare_fields_db(channel, world)
-        return Course(years[0], years[1], years[2], years[3], lasting, memory, shift, even, bare_sd)
+        return Course(changes, tilts, closeds, shares, sds, lasting, memory, shift, even)
 
     def closed(self, category: str, day: float) -> float:
-        """Share of the soil that a cover hides on a day; 1 where even, or with a user's course."""
+        """Share of the soil that a cover hides on a day; 1 where even, or with a user's course; 0 of bare soil."""
         return float(on_day(self._closed(category), day - self.late_days))
 
     def canopy_share(self, category: str, day: float) -> float:
@@ -251,7 +249,8 @@ class Calendar:
 
     def _closed(self, category: str) -> FloatArray:
         """See `closed`, through a year that is not late (365,)."""
-        return np.ones(DAYS.size) if category in self.own or not has_course(category) else _canopy(category)[1]
+        even = category != BARE_SOIL and (category in self.own or not has_course(category))
+        return np.ones(DAYS.size) if even else _canopy(category)[1]
 
     def _fields(self, categories: tuple[str, ...]) -> list[Fields]:
         """How fields of covers keep the calendar; a user's course of a cover that has no other, as another crop's."""
@@ -311,7 +310,7 @@ def load_calendar(path: str | Path | None, late_days: int = 0) -> Calendar:
 
 def has_course(category: str) -> bool:
     """Whether a cover changes through the year in the shipped calendar."""
-    return category in fields_by_category() and fields_by_category()[category].group != "even"
+    return category in fields_by_category() and fields_by_category()[category].group not in ("even", "soil")
 
 
 def season_depth(category: str, frequency_ghz: float) -> float:
@@ -352,25 +351,31 @@ def fields_by_category() -> dict[str, Fields]:
     }
 
 
-def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str, soil_db: float) -> FloatArray:
-    """Course (365,) of one cover [dB]; ``soil_db``: bare soil over the cover's level."""
-    if fields.group == "even":
-        return np.zeros(DAYS.size)
+def _course_db(
+    category: str, fields: Fields, frequency_ghz: float, channel: str, soil_db: float
+) -> tuple[FloatArray, FloatArray]:
+    """Course of one cover [dB], and the part of its echo that is bare soil's, (365,) each.
+
+    ``soil_db``: bare soil over the cover's level.
+    """
     at_c = _c_band_db(category, "HV" if channel == "HV" else "VV")
     if channel == "HH" and fields.group == "cereal":
         at_c = np.where(at_c < 0.0, 0.5 * at_c, at_c)
     if fields.group == "cereal":
         at_c = at_c * np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ, _KU_GHZ]), [1.0, 0.7, 0.5])
-    share = share_of_c(frequency_ghz)
+    share, (water, closed) = share_of_c(frequency_ghz), _canopy(category)
     if share == 1.0:
-        return at_c
+        return at_c, 1.0 - closed
     rate = 2.0 * _depth(fields.group, frequency_ghz) / math.cos(math.radians(_THETA_DEG))
-    through = np.exp(-rate * _canopy(category)[0])
+    through = np.exp(-rate * water)
     at_level = math.exp(-rate * fields.level_water_kg_m2)
     reference = float(through[_FLIGHTS].mean()) if math.isnan(at_level) else at_level
     soil = min(10.0 ** (0.1 * soil_db), (1.0 - _CANOPY_LEAST) / reference)
     own = (1.0 - soil * reference) / (1.0 - reference)
-    return np.asarray(share * at_c + (1.0 - share) * 10.0 * np.log10(own * (1.0 - through) + soil * through))
+    of_soil = soil * through
+    power = own * (1.0 - through) + of_soil
+    change = share * at_c + (1.0 - share) * 10.0 * np.log10(power)
+    return change, share * (1.0 - closed) + (1.0 - share) * of_soil / power
 
 
 def share_of_c(frequency_ghz: float) -> float:

@@ -37,7 +37,7 @@ from seqrsm.scattering.models import soil_response_baghdadi16
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil, related_covers
-from seqrsm.units import db_to_linear
+from seqrsm.units import db_to_linear, linear_to_db
 
 DEFAULT_SEASON: Final = "spring_summer"
 
@@ -53,7 +53,10 @@ _ROUGHNESS_NOTE: Final = (
     f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
     "angle, alike in all bands and on all dates (computed: baghdadi16)"
 )
-_BARE_NOTE: Final = "ground that is bare or under snow departs from the table as bare soil does (under snow: assumed)"
+_BARE_NOTE: Final = (
+    "ground that is bare or under snow departs from the table, and feels moisture, as bare soil does (under snow: "
+    "assumed)"
+)
 _UNKNOWN_SD_DB: Final = 2.0
 _LEVEL_DEG = 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
@@ -199,7 +202,8 @@ class Sigma0Table:
         wind_m_s : float
             Wind at 10 m [m/s], which only water feels: 2 to 10.
         soil_moisture : float
-            Volumetric moisture [m^3/m^3], which only bare soil feels: 0 to 0.6, effective from 0.04 to 0.45.
+            Volumetric moisture [m^3/m^3]: 0 to 0.6, effective from 0.04 to 0.45. Bare soil feels it and, on a day or
+            out of the growing season, other covers by the part of their echo that is bare soil's.
         snow : {"none", "dry", "wet"}
             Snow on everything but trees and buildings, whose echo comes from above it.
         snow_depth_cm : float
@@ -226,10 +230,10 @@ class Sigma0Table:
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
         closed = np.array([found[name].closed for name in names])
-        hidden = closed if day is None else np.ones(len(names))  # of days: by the course
-        through = None
+        hidden, through = closed, None
         if not usual:
             value, sd, closed, through = self._over_soil(names, found, channel, state, season, day)
+        hidden = hidden if day is None else closed
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
@@ -245,7 +249,7 @@ class Sigma0Table:
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
-            roughness_share=_roughness_share(channel) * np.array([found[n].soil for n in names]),
+            roughness_share=_roughness_share(channel, day is not None) * np.array([found[n].soil for n in names]),
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
@@ -273,23 +277,29 @@ class Sigma0Table:
         Of a season, or on a day, with the course to it. A world departs from them by the part of covers that are
         closed, and of bare soil.
         """
-        own_soil = self.curves.get((BARE_SOIL, season))
-        soil = _evaluate(own_soil or _shipped_table().curves[BARE_SOIL, season], channel, state, None)
+        of_soil = self.curves.get((BARE_SOIL, season)) or _shipped_table().curves[BARE_SOIL, season]
+        usual = state._replace(soil_moisture=of_soil.reference_moisture)
+        wet, soil = (_evaluate(of_soil, channel, one, None) for one in (state, usual))
         kin = {name: item.kin for name, item in found.items()} | {BARE_SOIL: soil.kin}
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         closed = np.array([0.0 if name == BARE_SOIL else found[name].closed for name in names])
         ghz, through, of_course = state.frequency_ghz, None, np.zeros(len(names))
+        share = np.array([self._curve(name, season).soil_share for name in names])[:, None]
+        bare = share * db_to_linear(soil.value_db - value)  # of the echo
         if day is not None:
             bare_db = float(soil.value_db[_LEVEL_DEG])
             through = self.calendar.course(names, kin, ghz, channel, value[:, _LEVEL_DEG], bare_db, self.world)
             value = value + through.at_angles(day, THETA_DEG)
             closed, of_course = on_day(through.closed, day), on_day(through.sd_db, day)
+            bare = on_day(through.soil_share, day)[:, None]
+        felt = bare * ~np.array([found[name].soil for name in names])[:, None]  # bare soil has it in its values
+        value = value + linear_to_db(1.0 + felt * (db_to_linear(wet.value_db - soil.value_db) - 1.0))
         sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
         if self.world is not None:
-            of_soil = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
+            departed = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
             for k, name in enumerate(names):
                 own = self.world.departure(name, kin[name], ghz, channel)
-                value[k] += sd[k] * over_soil(own, of_soil, closed[k], related_covers(kin[name], soil.kin))
+                value[k] += sd[k] * over_soil(own, departed, closed[k], related_covers(kin[name], soil.kin))
         return value, np.hypot(sd, of_course), closed, through
 
     def _curve(self, category: str, season: str) -> Curve:
@@ -456,11 +466,12 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 
-@lru_cache(maxsize=len(POLARIZATIONS))
-def _roughness_share(channel: str) -> float:
-    """Part of the shipped spread of fields of bare soil that is owed to their roughness, at 40 deg."""
+@lru_cache(maxsize=2 * len(POLARIZATIONS))
+def _roughness_share(channel: str, dated: bool) -> float:
+    """Part of the shipped spread of fields of bare soil, undated or on a day, owed to their roughness, at 40 deg."""
     _, by_height = soil_response_baghdadi16(math.radians(_LEVEL_DEG))
-    spread = _shipped_table().variability[BARE_SOIL, channel].field_sd_db[0]
+    undated = _shipped_table().variability[BARE_SOIL, channel].field_sd_db[0]
+    spread = bare_fields_db(channel, None) if dated else undated
     return float(_ROUGHNESS_DECADES * by_height[POLARIZATIONS.index(channel)] / spread)
 
 

@@ -1,4 +1,4 @@
-"""Moisture of bare fields retrieved from a radar's backscatter, whose roughness is not known.
+"""Moisture of bare fields, whatever is sown, retrieved from a radar's backscatter; their roughness is not known.
 
 Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture and
 on the slopes of the ground, which are known, within what fields and their parts differ by (their roughness above all),
@@ -34,7 +34,7 @@ GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
 
 FINE: Final[FloatArray] = np.linspace(GRID[0], GRID[-1], 97)
 _DB: Final = 10.0 / math.log(10.0)
-_SEEN_DB: Final = 0.1  # a category whose backscatter changes by less shows no moisture
+_SEEN_DB: Final = 2.5  # of a cover whose backscatter changes by less, less than half of the echo is bare soil's
 
 
 def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_id: int) -> tuple[FloatArray, AnyArray]:

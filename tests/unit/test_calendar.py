@@ -21,6 +21,7 @@ import prm_cases
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.calendar import DAYS, SHIPPED, _c_band_db, level_days, on_day
+from seqrsm.scattering.curves import moisture_change_db
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -38,7 +39,9 @@ from seqrsm.simulate.visits import (
     related_fields,
     year_shift_days,
 )
+from seqrsm.units import linear_to_db
 
+SOIL_RMS_M = 0.01  # of bare ground, as shipped
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 TABLE = load_sigma0_table()
 
@@ -139,18 +142,20 @@ def test_worlds_differ_in_the_course_as_its_error_says():
 @pytest.mark.parametrize("frequency", [1.25, 2.6, 5.4, 9.6])
 @pytest.mark.parametrize("channel", ["HH", "HV"])
 def test_bare_fields_depart_by_the_error_of_one_soil(channel, frequency):
-    """In January neither maize nor vegetables stand, and no world tells one from the other; in July most do."""
+    """In January no world tells bare ground, maize and vegetables from each other; in July most do."""
+    covers = (*CROPS, "Bareground")
     worlds = [TABLE.in_world(World(5, k)) for k in range(300)]
     for day, apart in ((15, False), (190, True)):
-        draws = np.array([10.0 * np.log10(at(day, channel, frequency, table=world).sigma0) for world in worlds])
-        told = at(day, channel, frequency)
+        draws = np.array([10.0 * np.log10(at(day, channel, frequency, covers, world).sigma0) for world in worlds])
+        told = at(day, channel, frequency, covers)
         np.testing.assert_allclose(draws[:, :, 40].std(axis=0), told.mean_sd_db, rtol=0.35)
-        maize, vegetables = (draws[:, CROPS.index(name)] for name in ("Corn", "Vegetables"))
-        between = (maize - vegetables).std(axis=0)[[20, 40, 60]]
-        if apart:
-            assert (between > 0.7 * told.mean_sd_db.min()).all()
-        else:
-            np.testing.assert_allclose(between, 0.0, atol=1e-9)
+        maize, *others = (draws[:, covers.index(name)] for name in ("Corn", "Vegetables", "Bareground"))
+        for other in others:
+            between = (maize - other).std(axis=0)[[20, 40, 60]]
+            if apart:
+                assert (between > 0.7 * told.mean_sd_db.min()).all()
+            else:
+                np.testing.assert_allclose(between, 0.0, atol=1e-9)
 
 
 def test_half_closed_crops_depart_as_far_as_is_told():
@@ -170,9 +175,10 @@ def test_half_closed_crops_depart_as_far_as_is_told():
 def test_a_world_knows_how_far_bare_fields_lie_apart():
     world = World(5, 2)
     factor = world.field_factor("Bareground")
-    own, drawn = (at(15, table=table).course.bare_field_sd_db for table in (TABLE, TABLE.in_world(world)))
+    own, drawn = (at(15, table=table).field_sd_db for table in (TABLE, TABLE.in_world(world)))
     assert abs(factor - 1.0) > 0.1
-    assert drawn == pytest.approx(own * factor)
+    for name in ("Corn", "Vegetables"):
+        assert drawn[CROPS.index(name)] == pytest.approx(own[CROPS.index(name)] * factor)
 
 
 def test_two_sites_of_c_band_depart_alike_over_bare_fields_and_not_over_crops():
@@ -197,10 +203,10 @@ def test_bare_fields_differ_as_much_whatever_was_sown():
         "HV": ((1.35, 0.46), (1.12, 1.37), (1.19, 1.00), (1.56, 0.46), (1.39, 0.75)),
     }
     for channel, sd_db in fields.items():
-        looked, wanted = at(15, channel), pytest.approx(np.hypot(*np.transpose(sd_db)).mean(), abs=0.05)
-        sds = dict(zip(CROPS, looked.course.field_sd_db(looked.field_sd_db, 15), strict=True))
-        assert sds["Corn"] == sds["Vegetables"] == wanted
-        summer = looked.course.field_sd_db(looked.field_sd_db, 190)
+        wanted = pytest.approx(np.hypot(*np.transpose(sd_db)).mean(), abs=0.05)
+        corn, vegetables, bare = at(15, channel, categories=("Corn", "Vegetables", "Bareground")).field_sd_db
+        assert corn == vegetables == bare == wanted
+        summer = at(190, channel).field_sd_db
         assert summer[CROPS.index("Vegetables")] > 1.4 * summer[CROPS.index("Corn")]
 
 
@@ -387,7 +393,7 @@ def test_fields_differ_on_a_day_by_what_was_measured_on_such_days(name, frequenc
     k = CROPS.index(name)
     for day in (150.0, 184.0):
         looked = at(day, frequency=frequency)
-        told = looked.course.field_sd_db(looked.field_sd_db, day)[k]
+        told = looked.field_sd_db[k]
         shifted = on_day(looked.course.change_db[k], day + np.random.default_rng(1).normal(0.0, 8.0, 4000)).std()
         got = field_offsets((day,), name, frequency)[0].std()
         assert 0.9 * told < got < 1.1 * np.hypot(told, shifted)
@@ -490,7 +496,8 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
         return [draw_occasion(*one, seed=3, run_id=run).class_offset_db[0] for one in given]
 
     found = np.array([offsets(run) for run in range(900)])
-    np.testing.assert_allclose(found[:, :, :-1].std(axis=(0, 2)), np.hypot(0.8, 0.4), rtol=0.06)
+    canopy = [1.0 - on_day(one.course.soil_share, day)[:-1] for one, day in zip(looked, days, strict=True)]
+    np.testing.assert_allclose(found[:, :, :-1].std(axis=0), np.hypot(0.8 * np.array(canopy), 0.4), rtol=0.1)
     assert found[:, :, -1].std() == pytest.approx(looked[0].date_sd_db[-1], rel=0.06)
     for t, day in enumerate(days):
         together = [np.corrcoef(found[:, 0, k], found[:, t, k])[0, 1] for k in range(len(covers))]
@@ -628,10 +635,10 @@ def test_half_closed_crops_emit_as_far_off_as_is_told(day):
 
 
 def test_weather_and_year_do_not_tell_bare_fields_of_one_crop_from_those_of_another():
-    """In January maize and vegetables depart from their courses as one, in July each by itself."""
-    pair = ("Corn", "Vegetables")
+    """In January bare ground, maize and vegetables depart from their courses as one, in July each by itself."""
+    covers = ("Corn", "Vegetables", "Bareground")
     for day, apart_db in ((15.0, 0.0), (190.0, math.hypot(0.4, 1.0) * math.sqrt(2.0))):
-        looked = at(day, categories=pair)
+        looked = at(day, categories=covers)
         looked = replace(looked, course=replace(looked.course, change_db=0.0 * looked.course.change_db))
         drawn = [
             draw_occasion(radar(), [looked], np.zeros(1, dtype=np.uint8), (0.2, 5.0), Visit((day,)), seed=8, run_id=k)
@@ -640,6 +647,49 @@ def test_weather_and_year_do_not_tell_bare_fields_of_one_crop_from_those_of_anot
         offset = np.array([one.class_offset_db[0] for one in drawn])
         assert offset.std(axis=0).min() > 1.0
         assert (offset[:, 0] - offset[:, 1]).std() == pytest.approx(apart_db, rel=0.15, abs=1e-12)
+        if day == 15.0:
+            np.testing.assert_allclose(offset[:, 2], offset[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("frequency", [1.25, 2.6, 5.4, 9.6])
+@pytest.mark.parametrize("channel", ["HH", "HV", "VV"])
+def test_fields_that_lie_bare_feel_the_moisture_of_bare_ground(channel, frequency):
+    """By the part of the echo that is the soil's; trees and water feel none of it."""
+    covers = (*CROPS, "Bareground", "Trees", "Gravel")
+
+    def change(**when):
+        levels = [
+            linear_to_db(TABLE.lookup(covers, frequency, channel, soil_moisture=mv, **when).sigma0) for mv in (0.1, 0.3)
+        ]
+        return dict(zip(covers, (levels[1] - levels[0])[:, [20, 40, 60]], strict=True))
+
+    summer, january, july, fall = change(), change(day=15), change(day=195), change(season="fall")
+    soil = moisture_change_db(frequency, SOIL_RMS_M, 0.3, 0.2) - moisture_change_db(frequency, SOIL_RMS_M, 0.1, 0.2)
+    soil = soil[("HH", "HV", "VV").index(channel)][[20, 40, 60]]
+    for found in (summer, january, july, fall):
+        np.testing.assert_allclose(found["Bareground"], soil, atol=1e-9)
+        np.testing.assert_array_equal([found["Trees"], found["Gravel"]], 0.0)
+    np.testing.assert_allclose([january["Corn"], january["Vegetables"]], [soil, soil], atol=1e-9)
+    assert all((summer[name] == 0.0).all() for name in CROPS)
+    assert (fall["Wheat"] > 0.5 * soil).all()
+    assert (fall["Wheat"] < 1.05 * soil).all()
+    course = at(195, channel, frequency, covers).course
+    part = dict(zip(covers, on_day(course.soil_share, 195.0), strict=True))
+    for name in ("Corn", "Wheat"):
+        steps = [moisture_change_db(frequency, SOIL_RMS_M, mv, 0.2) for mv in (0.1, 0.3)]
+        felt = [1.0 + part[name] * (10.0 ** (0.1 * one[("HH", "HV", "VV").index(channel), 40]) - 1.0) for one in steps]
+        assert july[name][1] == pytest.approx(10.0 * math.log10(felt[1] / felt[0]), abs=1e-9)
+        assert part[name] < (0.75 if frequency < 2.0 else 0.6)
+
+
+def test_ground_of_fall_has_the_power_of_its_bare_part():
+    """Stubble is 0.85 bare soil in power: what moisture adds to it is 0.85 of what it adds to bare ground."""
+    dry, wet = (
+        TABLE.lookup(("Wheat", "Bareground"), 5.4, "VV", season="fall", soil_moisture=mv).sigma0[:, 40]
+        for mv in (0.1, 0.3)
+    )
+    added = wet - dry
+    assert added[0] == pytest.approx(0.85 * added[1], rel=1e-9)
 
 
 def test_weather_does_not_tell_bare_fields_by_their_emission():

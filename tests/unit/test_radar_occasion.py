@@ -103,15 +103,15 @@ def bare_offsets(frequency_ghz: float, angle_deg: float, channels: str, n: int, 
 def test_bare_fields_depart_the_more_by_roughness_the_higher_the_angle(day: float | None) -> None:
     """Baghdadi et al. 2016: 8.6, 4.4 and 7.1 dB times sin(angle) for ten times the height (HH, HV, VV)."""
     n, decades = 40_000, 0.2
-    rest = {"HH": 1.42**2 - (8.6 * decades * np.sin(np.deg2rad(40.0))) ** 2,
-            "HV": 1.10**2 - (4.4 * decades * np.sin(np.deg2rad(40.0))) ** 2,
-            "VV": 1.42**2 - (7.1 * decades * np.sin(np.deg2rad(40.0))) ** 2}  # fmt: skip
+    at_40 = (1.42, 1.10, 1.42) if day is None else (1.9, 1.6, 1.9)
+    heights = decades * np.sin(np.deg2rad(40.0)) * np.array([8.6, 4.4, 7.1])
+    rest = np.square(at_40) - heights**2
     seen = {angle: bare_offsets(5.4, angle, "HH+HV+VV", n, day) for angle in (12.0, 40.0, 65.0)}
     for angle, found in seen.items():
         height = decades * np.sin(np.deg2rad(angle)) * np.array([8.6, 4.4, 7.1])
-        wanted = np.sqrt(np.array([*rest.values()]) + height**2)
+        wanted = np.sqrt(rest + height**2)
         assert found.std(axis=1) == pytest.approx(wanted, rel=0.02)
-        parts = np.sqrt([*rest.values()])
+        parts = np.sqrt(rest)
         shared = 0.75 * parts[0] * parts[2] + height[0] * height[2]
         assert np.cov(found)[0, 2] == pytest.approx(shared, rel=0.03)
 

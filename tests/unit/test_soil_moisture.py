@@ -491,6 +491,21 @@ def test_a_radars_skill_lies_between_a_guess_and_all_that_roughness_leaves() -> 
     assert 0.15 < np.mean(skills) < 0.8
 
 
+def test_the_moisture_of_fields_that_lie_bare_is_found_whatever_is_sown_in_them() -> None:
+    """In January fields of maize are bare ground; in July their canopy hides the soil."""
+    table, skills = load_sigma0_table(), {}
+    for name in ("Bareground", "Corn"):
+        s = land((name, "Trees"))
+        given = {"visit": Visit((15.0,)), "soil_moisture_field_sd": 0.12}
+        found = [radar_image(s, table.in_world(World(4, k)), k, **given) for k in range(12)]
+        skills[name] = [score_moisture([one], s, SKILL, seed=5, run_id=k).value for k, one in enumerate(found)]
+    assert np.mean(skills["Corn"]) > 0.15
+    assert np.mean(skills["Corn"]) == pytest.approx(np.mean(skills["Bareground"]), abs=0.12)
+    july = radar_image(s, table, visit=Visit((195.0,)))
+    with pytest.raises(SceneError, match="no scored cells have retrievable soil moisture"):
+        score_moisture([july], s, SKILL, seed=5, run_id=1)
+
+
 @pytest.mark.parametrize(
     ("channel", "noise_db"), [("VV", -40.0), ("VV", -15.0), ("VV", -8.0), ("HV", -25.0), ("HV", -18.0), ("HV", -8.0)]
 )

@@ -121,7 +121,8 @@ def draw_occasion(
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
     common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
     shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
-    (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil. The
+    (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil, and
+    the part of its echo that is the soil's has the date's moisture in place of the weather that crops share. The
     spread was measured with early and late fields in it, so what their shift makes of it on a day is taken off what
     fades. The roughness of a bare field is the same for all channels, sensors and dates. Layers of `TOGETHER` are left
     at 0.
@@ -202,14 +203,15 @@ def _dated(
     soil = over_dates(visit, "date bare soil", lambda name: draw(name, 1), FAST_DAYS)
     own = over_soil(own, soil, closed)
     common = over_dates(visit, "weather", lambda name: draw(name, 1), FAST_DAYS)
-    weather = _WEATHER_DB[draw.channel == "HV"] * common + _CROP_WEATHER_DB * own
+    canopy = 1.0 - on_day(course.soil_share, day)
+    weather = _WEATHER_DB[draw.channel == "HV"] * canopy * common + _CROP_WEATHER_DB * own
     year = _YEAR_DB * over_soil(draw("year backscatter", n), draw("year bare soil", 1), closed)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
     fades = over_dates(
         visit, "field backscatter", lambda name: draw.of_fields(name, category.size), course.memory_days[category]
     )
-    spread = np.square(course.field_sd_db(sd, day))
+    spread = np.square(sd)
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
     shifts, shifted = field_shift_days(course.shift_days[category], **key), np.zeros(category.size)
     for k in np.flatnonzero(course.shift_days > 0.0):
