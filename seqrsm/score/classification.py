@@ -70,14 +70,14 @@ class Taught:
         Tiles that hold scored cells.
     half : int64 array (n_tiles,)
     laws : tuple of float64 array
-        Centres, scales, scales of the covariates and constants of the classes' laws, by the half that they test.
+        Centres, scales and constants of the classes' laws, by the half that they test.
     trust : tuple of float
         Power of what a label of a map that is there already says, by the half that it tests.
     """
 
     seen: AnyArray
     half: IntArray
-    laws: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+    laws: tuple[FloatArray, FloatArray, FloatArray]
     trust: tuple[float, float] = (1.0, 1.0)
 
 
@@ -85,7 +85,8 @@ def taught(evidence: Evidence) -> Taught:
     """The laws by which each half of the tiles is named, as the other half teaches them.
 
     Tiles are split at random into two halves; each half is classified by what the other taught, so all ground is tested
-    once. The law of a class is Gaussian; given covariates, its mean is a straight line in each. A class is taught by
+    once. The law of a class is Gaussian; its mean goes with covariates by a straight line, of one slope for all
+    classes: slopes of their own, told by a few fields each, cost more than they gain. A class is taught by
     the units that it fills to `TRAINING_PURITY`, or where they are fewer than ten by all units that hold it. A class
     absent from the teaching half cannot be named in the other. Priors are equal: a classifier with the area's priors
     can score well by naming the commonest class everywhere, which tells little about the sensor. The evidence is finite
@@ -97,13 +98,13 @@ def taught(evidence: Evidence) -> Taught:
         No unit holds a scored cell.
     """
     seen, half = _halves_of(evidence)
-    features, covariates = evidence.features, evidence.covariates
+    features, c = evidence.features, evidence.covariates
     n_classes, d = evidence.teaching.shape[1], len(features)
     sums = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
     kernels_classify.teach(features, evidence.teaching, evidence.tile, half, TRAINING_PURITY, sums, np.empty(d))
     row, column = np.tril_indices(d)
     centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
-    known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)
+    constant = np.full((2, n_classes), -np.inf)
     for tested in (0, 1):
         # With a single tile there is no other ground to learn from.
         pure, mixed = sums[tested if int(seen.sum()) == 1 else 1 - tested]
@@ -115,16 +116,15 @@ def taught(evidence: Evidence) -> Taught:
         moments = total[:, 2:] / np.where(cells > 0.0, cells, 1.0)[:, None]
         first, square = moments[:, :d], np.empty((n_classes, d, d))
         square[:, row, column] = square[:, column, row] = moments[:, d:]
-        roots = _covariance_roots(cells, first, square, effective)
-        centre[tested], scale[tested] = first, np.linalg.inv(roots)
+        covariance = square - first[:, :, None] * first[:, None, :]
+        within = np.tensordot(cells, covariance, axes=1) / cells.sum()
+        slopes = within[c:, :c] @ np.linalg.pinv(within[:c, :c], rcond=1e-9, hermitian=True)
+        turn = np.hstack([-slopes, np.eye(d - c)])
+        roots = _covariance_roots(turn @ covariance @ turn.T, turn @ within @ turn.T, effective)
+        centre[tested], scale[tested, :, c:] = first, np.linalg.inv(roots) @ turn
         constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        if covariates:
-            own = slice(d - covariates, None)
-            roots = _covariance_roots(cells, first[:, own], square[:, own, own], effective)
-            known_scale[tested] = np.linalg.inv(roots)
-            constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         constant[tested, cells == 0.0] = -np.inf
-    found = Taught(seen, half, (centre, scale, known_scale, constant))
+    found = Taught(seen, half, (centre, scale, constant))
     return found if evidence.label is None else _trusting(evidence, found)
 
 
@@ -146,7 +146,7 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
 
     Of each tile that holds scored cells; the log likelihood of ``favoured`` classes is raised by ``bonus``.
     """
-    centre, scale, known_scale, constant = by.laws
+    centre, scale, constant = by.laws
     constant = constant.copy()
     constant[:, list(favoured)] += bonus
     n = evidence.counts.shape[1]
@@ -155,7 +155,7 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
         counts = evidence.counts
         if evidence.label is not None:
             counts = np.where((evidence.label == label)[:, None], counts, 0)
-        laws = (centre, scale, known_scale, constant + np.outer(by.trust, said))
+        laws = (centre, scale, constant + np.outer(by.trust, said))
         lines = kernels_classify.work_lines(len(evidence.features))
         kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion, *lines)
     return confusion[by.seen]
@@ -167,10 +167,9 @@ def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
     ``areas``: cells (n_classes,) of each class, where a label is to name the likeliest by them; else all are as likely.
     """
     seen, half = _halves_of(evidence)
-    (d, _), (_, n), c = evidence.features.shape, evidence.counts.shape, evidence.covariates
+    (d, _), (_, n) = evidence.features.shape, evidence.counts.shape
     prior = np.zeros((2, n)) if areas is None else np.tile(np.log(np.maximum(areas, 0.5)), (2, 1))
-    laws = (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n, c, c)), prior)
-    return Taught(seen, half, laws)
+    return Taught(seen, half, (np.zeros((2, n, d)), np.zeros((2, n, d, d)), prior))
 
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
@@ -215,7 +214,7 @@ def _effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
     return np.asarray(total**2 / np.where(squares > 0.0, squares, 1.0))
 
 
-def _covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pixels: FloatArray) -> FloatArray:
+def _covariance_roots(covariance: FloatArray, pooled: FloatArray, pixels: FloatArray) -> FloatArray:
     """Cholesky roots (n_classes, d, d) of the covariances of classes.
 
     A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
@@ -223,15 +222,11 @@ def _covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, p
 
     Parameters
     ----------
-    total : float64 array (n_classes,)
-        Weight of each class, not all 0.
-    mean, second : float64 arrays (n_classes, d), (n_classes, d, d)
-        First and second moments about 0.
+    covariance, pooled : float64 arrays (n_classes, d, d), (d, d)
     pixels : float64 array (n_classes,)
         That each rests on.
     """
-    d = mean.shape[1]
-    covariance = second - mean[:, :, None] * mean[:, None, :]
-    pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
+    d = len(pooled)
     prior_pixels, own_pixels = 2.0 * (d + 1), pixels[:, None, None]
-    return np.linalg.cholesky((own_pixels * covariance + prior_pixels * pooled) / (own_pixels + prior_pixels))
+    prior = prior_pixels * (pooled + 1e-6 * np.eye(d))
+    return np.asarray(np.linalg.cholesky((own_pixels * covariance + prior) / (own_pixels + prior_pixels)))

@@ -79,13 +79,13 @@ class Evidence:
     Attributes
     ----------
     features : float64 array (d, n)
-        Decibels of radars, brightness of radiometers [K], then the covariates.
+        The covariates, then decibels of radars and brightness of radiometers [K].
     counts : int array (n, n_classes)
         Scored cells of each class in each unit.
     tile, keys
         As of `Pixels`.
     covariates : int
-        So many of the last features are no evidence of a class: squares of look angles.
+        So many of the first features are no evidence of a class: squares of look angles.
     teaching : array (n, n_classes)
         Cells with which a unit teaches each class; of fine pixels those in the resolution cell.
     label : int64 array (n,) or None
@@ -131,11 +131,11 @@ def evidence_of(
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
     each = _on_pixels(images, base, pixels, lambda image: layers_of(image, smooth=by == "neighbourhood"))
     radar = [isinstance(image, RadarImage) for image in images]
-    angles = [layers[-1:] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
-    powers = [layers if is_radar else layers[:-1] for layers, is_radar in zip(each, radar, strict=True)]
-    is_power = np.repeat([*radar, *(False for _ in angles)], [len(layers) for layers in (*powers, *angles)])
+    angles = [layers[:1] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
+    powers = [layers if is_radar else layers[1:] for layers, is_radar in zip(each, radar, strict=True)]
+    is_power = np.repeat([*(False for _ in angles), *radar], [len(layers) for layers in (*angles, *powers)])
     # Those of one image are in this order already, and nobody else's.
-    layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*powers, *angles]), dtype=np.float64)
+    layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*angles, *powers]), dtype=np.float64)
     counts, tile, unit = pixels.counts, pixels.tile, None
     cells, inside = _in_resolution_cells(base, pixels, scene.cell_m)
     teaching = _shown(base, counts, cells, scene.scored)
@@ -160,7 +160,7 @@ def evidence_of(
 
 
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
-    """What an image shows, (d, n_pixels): sigma0, linear; or brightness [K] and the square of the look angle [rad2].
+    """What an image shows, (d, n_pixels): sigma0, linear; or the square of the look angle [rad2] and brightness [K].
 
     ``smooth``: after Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle
     adds.
@@ -172,7 +172,7 @@ def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
         return np.asarray(power.reshape(len(power), -1))
     brightness = _smoothed(*_values(image)) if smooth else image.brightness_k
     angle = np.repeat(np.square(image.scan.look_rad), brightness.shape[2])
-    return np.vstack([brightness.reshape(-1, angle.size), angle], dtype=np.float64)
+    return np.vstack([angle, brightness.reshape(-1, angle.size)], dtype=np.float64)
 
 
 def _values(image: Image) -> tuple[AnyArray, AnyArray]:

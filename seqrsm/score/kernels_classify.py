@@ -169,10 +169,8 @@ def teach(
 def _likeliest(
     x: AnyArray,
     m: int,
-    own: int,
     centre: AnyArray,
     scale: AnyArray,
-    known_scale: AnyArray,
     constant: AnyArray,
     square: AnyArray,
     z: AnyArray,
@@ -181,7 +179,7 @@ def _likeliest(
 ) -> None:
     """Class of each of the first ``m`` columns of ``x`` (d, n), by the laws of one half; written to ``named``.
 
-    ``own``: the first of the features that are no evidence. Loops over pixels inside, so that they become vectors.
+    Loops over pixels inside, so that they become vectors.
     """
     for n in range(m):
         best[n], named[n] = -np.inf, 0
@@ -190,9 +188,7 @@ def _likeliest(
             continue
         for n in range(m):
             square[n] = 0.0
-        _add_squares(x, m, centre[k], scale[k], 1.0, square, z)
-        # A conditional Gaussian is the joint one over that of the covariates alone.
-        _add_squares(x[own:], m, centre[k, own:], known_scale[k], -1.0, square, z)
+        _add_squares(x, m, centre[k], scale[k], square, z)
         for n in range(m):
             likely = constant[k] - 0.5 * square[n]
             better = likely > best[n]
@@ -201,16 +197,14 @@ def _likeliest(
 
 
 @kernel
-def _add_squares(
-    x: AnyArray, m: int, centre: AnyArray, scale: AnyArray, sign: float, square: AnyArray, z: AnyArray
-) -> None:
+def _add_squares(x: AnyArray, m: int, centre: AnyArray, scale: AnyArray, square: AnyArray, z: AnyArray) -> None:
     """Add the squares of ``scale @ (x - centre)`` of each of the first ``m`` columns of ``x``."""
     for i in range(x.shape[0]):
         a, c = scale[i, 0], centre[0]
         if i == 0:
             for n in range(m):
                 y = a * (x[0, n] - c)
-                square[n] += sign * (y * y)
+                square[n] += y * y
             continue
         for n in range(m):
             z[n] = a * (x[0, n] - c)
@@ -221,7 +215,7 @@ def _add_squares(
         a, c = scale[i, i], centre[i]
         for n in range(m):
             y = z[n] + a * (x[i, n] - c)
-            square[n] += sign * (y * y)
+            square[n] += y * y
 
 
 def work_lines(d: int) -> tuple[AnyArray, ...]:
@@ -238,7 +232,6 @@ def name_classes(
     half: AnyArray,
     centre: AnyArray,
     scale: AnyArray,
-    known_scale: AnyArray,
     constant: AnyArray,
     confusion: AnyArray,
     x: AnyArray,
@@ -254,13 +247,11 @@ def name_classes(
     Parameters
     ----------
     features, counts, tile, half
-        As in `teach`; the last of the features may be covariates, which are no evidence of a class.
+        As in `teach`.
     centre : float64 array (2, n_classes, d)
         By the half that is tested.
     scale : float64 array (2, n_classes, d, d)
         Lower triangles that turn differences from the centre into standard normal ones.
-    known_scale : float64 array (2, n_classes, n_covariates, n_covariates)
-        The same for the covariates alone.
     constant : float64 array (2, n_classes)
         Added to the log likelihood; -inf for a class that cannot be named.
     confusion : int64 array (n_tiles, n_classes, n_classes)
@@ -269,7 +260,7 @@ def name_classes(
         Of `work_lines`.
     """
     d, n_pixels = features.shape
-    n_classes, own = counts.shape[1], d - known_scale.shape[2]
+    n_classes = counts.shape[1]
     block = square.shape[0]  # of pixels of each half, gathered before it is named
     for n in range(n_pixels + 2):
         # Past the last pixel, what is left of either half.
@@ -289,7 +280,7 @@ def name_classes(
             if filled[h] < block:
                 continue
         m = filled[h]
-        _likeliest(x[h], m, own, centre[h], scale[h], known_scale[h], constant[h], square, z, best, named)
+        _likeliest(x[h], m, centre[h], scale[h], constant[h], square, z, best, named)
         filled[h] = 0
         for i in range(m):
             p, name = pixel[h, i], named[i]

@@ -201,7 +201,7 @@ def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):
     np.add.at(counts, (np.arange(n), own), part)
     np.add.at(counts, (np.arange(n), other), 9 - part)
     counts[rng.random(n) < 0.05] = 0
-    return np.vstack([features, known]), counts, rng.integers(0, 60, n), rng.random(60)
+    return np.vstack([known, features + 3.0 * known.sum(axis=0)]), counts, rng.integers(0, 60, n), rng.random(60)
 
 
 def cells_named(features, counts, tile, keys, covariates):
@@ -218,14 +218,17 @@ def cells_named(features, counts, tile, keys, covariates):
         mean = {k: np.average(x[taught], axis=0, weights=weights[:, k]) for k in known}
         own = {k: np.cov(x[taught].T, aweights=weights[:, k], ddof=0).reshape(d, d) for k in known}
         test, likely = x[half == tested], np.full((int((half == tested).sum()), len(total)), -np.inf)
-        for size in (d, covariates):
-            at = slice(d - size, d)
-            pooled = sum(total[k] * own[k][at, at] for k in known) / total.sum() + 1e-6 * np.eye(size)
-            for k in known if size else ():
-                n, prior = total[k] ** 2 / (weights[:, k] ** 2).sum(), 2.0 * (size + 1)
-                law = multivariate_normal(mean[k][at], (n * own[k][at, at] + prior * pooled) / (n + prior))
-                sign = 1.0 if size == d else -1.0
-                likely[:, k] = (0.0 if size == d else likely[:, k]) + sign * law.logpdf(test[:, at])
+        # One slope for all classes: least squares over what lies within them.
+        weight = np.sqrt(np.concatenate([weights[:, k] for k in known]))[:, None]
+        within = weight * np.concatenate([x[taught] - mean[k] for k in known])
+        slopes = np.linalg.lstsq(within[:, :covariates], within[:, covariates:], rcond=None)[0]
+        straight = np.hstack([-slopes.T, np.eye(d - covariates)])
+        own = {k: straight @ own[k] @ straight.T for k in known}
+        pooled = sum(total[k] * own[k] for k in known) / total.sum() + 1e-6 * np.eye(d - covariates)
+        for k in known:
+            n, prior = total[k] ** 2 / (weights[:, k] ** 2).sum(), 2.0 * (d - covariates + 1)
+            law = multivariate_normal(straight @ mean[k], (n * own[k] + prior * pooled) / (n + prior))
+            likely[:, k] = law.logpdf(test @ straight.T)
         named = likely.argmax(axis=1)
         np.add.at(confusion.T, named, cells[half == tested])
     return confusion

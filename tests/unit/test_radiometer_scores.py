@@ -36,7 +36,11 @@ def land(categories, cover=PATCH, cell_m=10.0):
 
 
 def score_pixels(features, counts, tile, keys, covariates=0):
-    return score_evidence(Evidence(features, counts, tile, keys, covariates, counts), "ab", Asked("percent_correct"))
+    return score_evidence(
+        Evidence(features, counts, tile, keys, covariates, counts),
+        "abcdef"[: counts.shape[1]],
+        Asked("percent_correct"),
+    )
 
 
 def test_plain_ground_is_classified_and_alike_ground_is_not():
@@ -112,14 +116,30 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     counts = np.stack([1 - label, label], axis=1)
     where = (counts, np.arange(n) // 50, rng.random(n // 50 + 1))
     blind = score_pixels(x[None], *where).value
-    told = score_pixels(np.vstack([x, angle[:, 0]]), *where, covariates=1).value
+    told = score_pixels(np.vstack([angle[:, 0], x]), *where, covariates=1).value
     assert with_angle > 85.0
     assert blind < 60.0
     assert told > 99.0
     # A covariate that gives the class away is not used as evidence of it.
-    given_away = np.vstack([rng.normal(size=n), label + rng.normal(0.0, 0.3, n)])
+    given_away = np.vstack([label + rng.normal(0.0, 0.3, n), rng.normal(size=n)])
     useless = score_pixels(given_away, *where, covariates=1).value
     assert useless < 60.0
+
+
+def test_a_look_angle_that_tells_nothing_costs_little_however_far_it_reaches():
+    """Ten fields a class: slopes of each class's own cost 5 points, but none where all angles lay within a degree."""
+    rng, n_classes, n_fields, size = np.random.default_rng(1), 6, 60, 25
+    field = np.repeat(np.arange(n_fields), size)
+    label = field % n_classes
+    lost = []
+    for _ in range(100):
+        x = 2.0 * label + rng.normal(0.0, 1.0, n_fields)[field] + rng.normal(0.0, 0.2, len(field))
+        angle = rng.random(n_fields)[field] + rng.normal(0.0, 0.05, len(field))
+        where = (np.eye(n_classes, dtype=int)[label], field, rng.permutation(n_fields) / n_fields)
+        far, near = (score_pixels(np.vstack([k * angle, x]), *where, covariates=1).value for k in (1.0, 1e-4))
+        assert near == pytest.approx(far, abs=1e-9)
+        lost.append(score_pixels(x[None], *where).value - far)
+    assert np.mean(lost) < 2.0
 
 
 def test_standard_error_covers_the_spread_over_scenes():
