@@ -21,7 +21,7 @@ from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
-from seqrsm.score.known_map import KnownMap, labels_of_units
+from seqrsm.score.known_map import KnownMap, parts_by_label
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radiometer.result import RadiometerImage
@@ -89,7 +89,7 @@ class Evidence:
     teaching : array (n, n_classes)
         Cells with which a unit teaches each class; of fine pixels those in the resolution cell.
     label : int64 array (n,) or None
-        Label of each unit in a map that is there already; None without one.
+        Label of each unit in a map that is there already, by which units are divided; None without one.
     log_share : float64 array (n_labels, n_classes)
         What each label says for each class, see `seqrsm.score.known_map`.
     seen : bool array (n_tiles,) or None
@@ -155,8 +155,17 @@ def evidence_of(
     found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, seen=seen)
     if known is None:
         return found
-    label = labels_of_units(known, scene, pixels.pixel if unit is None else unit, len(counts), seed)
-    return replace(found, label=label, log_share=known.log_share)
+    of, label, counts = parts_by_label(known, scene, pixels.pixel if unit is None else unit, seed)
+    again = np.diff(of, prepend=-1) == 0  # a unit teaches once
+    return replace(
+        found,
+        features=layers[:, of],
+        counts=counts,
+        tile=tile[of],
+        teaching=np.where(again[:, None], 0, teaching[of]),
+        label=label,
+        log_share=known.log_share,
+    )
 
 
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:

@@ -19,7 +19,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
-from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.scene.scene import Scene
 from seqrsm.score.table import read_table, table_text
 
 _LEAST_SHARE = 1e-3  # of a label that the table never saw with a cover: no table is large enough to rule it out
@@ -109,12 +109,16 @@ def _number(text: str, delimiter: str) -> float:
         return np.nan
 
 
-def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int, seed: int) -> IntArray:
-    """Label (n_units,) of each unit of ground: that of one of its scored cells; 0 where it has none.
+def parts_by_label(known: KnownMap, scene: Scene, unit: AnyArray, seed: int) -> tuple[AnyArray, IntArray, AnyArray]:
+    """Parts of units of ground whose scored cells have one label: unit (n,), label (n,), cells (n, n_classes).
 
-    ``unit`` (rows, columns): unit of each cell, -1 for none.
+    The map keeps its own detail under pixels that are coarser, each cell the label of its field. ``unit`` (rows,
+    columns): unit of each cell, -1 for none.
     """
-    cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover != NO_COVER))
-    found = np.zeros(n_units, dtype=np.int64)
-    found[unit.ravel()[cells]] = known.label_of_fields(scene, seed)[scene.field_id.ravel()[cells]]
-    return found
+    cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover < len(known.share)))
+    label = known.label_of_fields(scene, seed)[scene.field_id.ravel()[cells]]
+    code = unit.ravel()[cells].astype(np.int64) * len(known.labels) + label
+    codes, part = np.unique(code, return_inverse=True)
+    n_classes = len(known.share)
+    counts = np.bincount(part * n_classes + scene.cover.ravel()[cells], minlength=len(codes) * n_classes)
+    return *np.divmod(codes, len(known.labels)), counts.reshape(-1, n_classes).astype(np.int32)
