@@ -44,8 +44,9 @@ class UtilityScore:
         Scored cells.
     n_clusters : int
         Tiles with scored cells.
-    confusion : int64 array (n_classes, n_classes)
-        Cells of class (row) that were given class (column); empty where the measure names no classes.
+    confusion : array (n_classes, n_classes)
+        Cells of class (row) that were given class (column), on average where names are drawn by lot; empty where the
+        measure names no classes.
     details : dict
         What else is known, by name. Of a classification ``per_class_percent``: share correct by class.
     """
@@ -56,7 +57,7 @@ class UtilityScore:
     perfect: float = math.nan
     n_cells: int = 0
     n_clusters: int = 0
-    confusion: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    confusion: AnyArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     details: dict[str, object] = field(default_factory=dict)
 
 

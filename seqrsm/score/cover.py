@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import Taught, UtilityScore, by_map_alone, cluster_ratio, named, taught
@@ -67,7 +67,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
     laws = taught(evidence)
-    by_tile = _at_false_alarms(evidence, laws, covers) if asked.name == "detection" else named(evidence, laws)
+    sought = asked.name == "detection"
+    by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
     if np.count_nonzero(true) == 1:
@@ -91,7 +92,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     guess, perfect = ends_of(true, asked.name, covers)
     if evidence.label is not None:
         for by in (by_map_alone(evidence), by_map_alone(evidence, true)):
-            alone = _at_false_alarms(evidence, by, covers) if asked.name == "detection" else named(evidence, by)
+            alone: AnyArray = _at_false_alarms(evidence, by, covers) if sought else named(evidence, by)
             by_map = float(measure(alone.sum(axis=0), asked.name, covers))
             guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
     return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
@@ -155,7 +156,7 @@ def ends_of(true: IntArray, name: str, covers: Sequence[int] = ()) -> tuple[floa
     return float(guesses[name]), {"kappa": 1.0, "area_error": 0.0}.get(name, 100.0)
 
 
-def _jackknife(by_tile: IntArray, name: str, covers: Sequence[int]) -> float:
+def _jackknife(by_tile: AnyArray, name: str, covers: Sequence[int]) -> float:
     """Standard error of a measure over groups of tiles, each left out in turn; nan with one tile."""
     n = min(len(by_tile), _GROUPS)
     if n < 2:
@@ -169,21 +170,26 @@ def _jackknife(by_tile: IntArray, name: str, covers: Sequence[int]) -> float:
     )
 
 
-def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> IntArray:
-    """As `named`, when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them."""
+def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> FloatArray:
+    """As `named`, when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them.
 
-    def alarms(confusion: IntArray) -> float:
-        total = confusion.sum(axis=0)
-        other = np.delete(total, covers, axis=0)
-        return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
-
+    Of units that are alike, as by the label of a map, and in a half that was not taught the covers, as many as may be
+    are drawn by lot: a straight part of the receiver operating characteristic (Fawcett 2006, Pattern Recognition
+    Letters 27(8)).
+    """
     if not np.delete(evidence.counts.sum(axis=0), covers).any():
         raise SceneError("the image has no other ground than these covers", field="utility")
-    low, high = -1.0, 1.0
+    unknown: BoolArray = np.all(by.laws[-1][:, list(covers)] == -np.inf, axis=1)
+    untaught = unknown[by.half[by.seen]]
 
     def at(bonus: float) -> IntArray:
         return named(evidence, by, covers, bonus)
 
+    def alarms(confusion: IntArray) -> float:
+        other = np.delete(confusion[~untaught].sum(axis=0), covers, axis=0)
+        return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
+
+    low, high = -1.0, 1.0
     while alarms(at(high)) < FALSE_ALARMS and high < 1e9:
         high *= 4.0
     while alarms(at(low)) > FALSE_ALARMS and low > -1e9:
@@ -191,4 +197,11 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> I
     for _ in range(24):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if alarms(at(middle)) < FALSE_ALARMS else (low, middle)
-    return at(low)
+    few, many = at(low), at(high)
+    every = np.zeros_like(few)
+    every[:, :, covers[0]] = few.sum(axis=2)
+    many = np.where(untaught[:, None, None] | (alarms(many) < FALSE_ALARMS), every, many)
+    least, most = alarms(few), alarms(many)
+    between = np.clip((FALSE_ALARMS - least) / max(most - least, 1e-12), 0.0, 1.0)
+    part = np.where(untaught, FALSE_ALARMS, between)[:, None, None]
+    return np.asarray((1.0 - part) * few + part * many)

@@ -431,6 +431,17 @@ def test_detection_holds_its_false_alarms_and_finds_what_separates(distance: flo
     assert list(score.details["per_class_percent"].values()) == pytest.approx(100.0 * right)
 
 
+def test_ground_that_one_half_alone_holds_is_found_there_by_lot() -> None:
+    """Nothing teaches the half that is to find it: a twentieth is what a guess finds, not none."""
+    rng, n = np.random.default_rng(0), 1000
+    tile = np.where(np.arange(n) < 5, 0, 1 + np.arange(n) % 7)
+    counts = np.eye(2, dtype=int)[(tile == 0).astype(int)]
+    evidence = Evidence(rng.normal(size=(1, n)), counts, tile, rng.random(8), 0, counts)
+    lot = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
+    assert lot.value == pytest.approx(100.0 * FALSE_ALARMS)
+    assert lot.confusion[0, 1] / lot.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
+
+
 def test_words_choose_cover_and_unit() -> None:
     whole = score_cover([IMAGE], SCENE, asked_for("f1 of Wheat by field"), **KEY)
     assert 0.0 < whole.value <= 100.0
