@@ -162,6 +162,17 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
     return confusion[by.seen]
 
 
+def knowing_areas(evidence: Evidence, by: Taught) -> Taught:
+    """The same laws with the ground that each class has in the half that taught them as its prior.
+
+    By equal priors noise maps as much of a rare class as of any: the weaker the signal, the better its area might be.
+    """
+    held = by.half[evidence.tile]
+    areas = np.stack([evidence.counts[held != tested].sum(axis=0) for tested in (0, 1)])
+    centre, scale, constant = by.laws
+    return replace(by, laws=(centre, scale, constant + np.log(np.maximum(areas, 0.5))))
+
+
 def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
     """Laws under which what images show tells nothing, so that the map that is there already names the ground.
 

@@ -14,7 +14,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import Taught, UtilityScore, by_map_alone, cluster_ratio, named, taught
+from seqrsm.score.classification import Taught, UtilityScore, by_map_alone, cluster_ratio, knowing_areas, named, taught
 from seqrsm.score.evidence import Evidence, Image, evidence_of
 from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import Asked
@@ -67,6 +67,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
     laws = taught(evidence)
+    if asked.name == "area_error":
+        laws = knowing_areas(evidence, laws)
     sought = asked.name == "detection"
     by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
     total = by_tile.sum(axis=0)
@@ -108,7 +110,7 @@ def measure(confusion: IntArray | FloatArray, name: str, covers: Sequence[int] =
     name : str
         "percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection" [percent]; "kappa" (Cohen
         1960, Educ. Psychol. Meas. 20, 37-46); "area_error": difference of the area named and the true one, sign
-        dropped [percent of the true one].
+        dropped [percent of the true one], of a classifier that knows the areas of the ground that taught it.
     covers : sequence of int
         Classes that the last three are about.
     """

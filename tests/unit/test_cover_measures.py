@@ -431,6 +431,22 @@ def test_detection_holds_its_false_alarms_and_finds_what_separates(distance: flo
     assert list(score.details["per_class_percent"].values()) == pytest.approx(100.0 * right)
 
 
+@pytest.mark.parametrize("m", [0.1, 0.5, 1.0, 2.0])
+def test_the_area_of_a_rare_cover_is_mapped_the_better_the_more_images_tell(m: float) -> None:
+    """A tenth of the ground at -m, the rest at m, unit noise: all is named the common cover where nothing tells them.
+
+    By equal priors 368 % too much was mapped at m = 0.1, 247 % at 0.5 and 18 % at 2.
+    """
+    rng, n = np.random.default_rng(0), 200_000
+    rare = rng.random(n) < 0.1
+    counts, x = np.eye(2, dtype=int)[rare.astype(int)], rng.normal(0.0, 1.0, n) + np.where(rare, -m, m)
+    evidence = Evidence(x[None], counts, np.arange(n) // 50, rng.random(n // 50), 0, counts)
+    found = score_evidence(evidence, ("other", "one"), Asked("area_error", ("one",)))
+    edge = -math.log(9.0) / (2.0 * m)
+    mapped = 0.1 * norm.cdf(edge + m) + 0.9 * norm.cdf(edge - m)
+    assert found.value == pytest.approx(100.0 * abs(mapped / 0.1 - 1.0), abs=3.0)
+
+
 def test_ground_that_one_half_alone_holds_is_found_there_by_lot() -> None:
     """Nothing teaches the half that is to find it: a twentieth is what a guess finds, not none."""
     rng, n = np.random.default_rng(0), 1000
