@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
 import math
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,6 +13,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.csv_lines import read_cells
 from seqrsm.errors import Problem, ScatteringDataError
 
 STATUSES: Final = ("public", "public_code", "public_code_refit", "measured", "computed", "assumed")
@@ -28,10 +27,6 @@ DATA: Final = Path(__file__).parent / "data"
 
 COVER: Final = "cover"
 """Field of a problem that lies with the name of a ground cover."""
-
-_MAX_BYTES: Final = 50_000_000
-
-_DECIMAL_COMMA: Final = re.compile(r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$")
 
 T = TypeVar("T")
 
@@ -70,7 +65,7 @@ class Row:
 
     def text(self, column: str) -> str:
         """Text of a column, "" if the table lacks it."""
-        return self.cells.get(column, "").strip()
+        return self.cells.get(column, "")
 
     def problem(self, column: str, message: str, remedy: str = "") -> Problem:
         """Problem at this line and column."""
@@ -102,8 +97,7 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     Parameters
     ----------
     path : str or Path
-        The file: UTF-8 with or without byte-order mark, cells separated by commas, or by semicolons or tabs, where
-        decimals may have commas.
+        See `seqrsm.csv_lines.read_cells`.
     required, optional : sequence of str
         Columns that must and may be there; others are refused.
 
@@ -113,19 +107,10 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
         No such file, wrong columns, or a line with a wrong number of cells.
     """
     file = str(path)
-    try:
-        if Path(path).stat().st_size > _MAX_BYTES:
-            raise ScatteringDataError(f"larger than {_MAX_BYTES / 1e6:.0f} MB", "Cut the table", file=file)
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ScatteringDataError(f"cannot read the table: {error.strerror}", file=file) from error
-    except UnicodeDecodeError as error:
-        raise ScatteringDataError("not UTF-8 text", "Save it as UTF-8", file=file) from error
-    lines = list(_lines(text, file))
+    lines = read_cells(path, "the table", ScatteringDataError)
     if not lines:
         raise ScatteringDataError("the table is empty", f"Columns: {', '.join(required)}", file=file)
-    (first, cells), *rows = lines
-    header = [name.strip() for name in cells]
+    (first, header), *rows = lines
     known = [*required, *optional]
     problems = [Problem("the column is missing", "", file, first, name) for name in required if name not in header]
     remedy = f"Known: {', '.join(known)}"
@@ -157,23 +142,10 @@ def for_each(categories: Iterable[str], find: Callable[[str], T], unknown: Seque
 @cache
 def shipped_rows(name: str) -> tuple[Row, ...]:
     """Rows of one of the package's own tables, read once."""
-    (_, header), *lines = _lines((DATA / name).read_text(encoding="utf-8"), name)
+    (_, header), *lines = read_cells(DATA / name, name, ScatteringDataError)
     return tuple(Row(name, line, dict(zip(header, cells, strict=True))) for line, cells in lines)
 
 
 def numbers_of(name: str, columns: Sequence[str]) -> FloatArray:
     """Numbers (n, columns) of one of the package's own tables."""
     return np.array([[float(row.text(column)) for column in columns] for row in shipped_rows(name)])
-
-
-def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is neither empty nor a comment; the first tells what separates cells."""
-    delimiter = ""
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip() and not line.startswith("#"):
-            delimiter = delimiter or max(",;\t", key=line.count)
-            try:
-                cells = next(csv.reader([line], strict=True, delimiter=delimiter))
-            except csv.Error as error:
-                raise ScatteringDataError(f"not a CSV line: {error}", "", file=file, line=number) from error
-            yield number, cells if delimiter == "," else [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.csv_lines import read_cells
 from seqrsm.errors import Problem, SceneError
 from seqrsm.files import see_writable
 from seqrsm.plain import counted
@@ -225,10 +225,14 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     notes: dict[str, str] = {}
     codes: dict[int, int] = {}
     problems = []
-    for line, row in _legend_rows(file):
-        category = (row["category"] or "").strip()
+    (_, header), *lines = read_cells(path, "the legend", SceneError) or [(1, [])]
+    if not {"code", "category"} <= set(header):
+        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
+    for line, cells in lines:
+        row = dict.fromkeys(header, "") | dict(zip(header, cells, strict=False))
+        category = row["category"]
         try:
-            code = int(row["code"] or "")
+            code = int(row["code"])
         except ValueError:
             problems.append(Problem("not a whole number", "", file, line, "code", row["code"]))
             continue
@@ -236,7 +240,7 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
             problems.append(Problem("the code is given twice", "", file, line, "code", code))
         codes[code] = index.setdefault(category, len(index)) if category else NO_COVER
         if category and row.get("note"):
-            notes[category] = str(row["note"])
+            notes[category] = row["note"]
     if not index and not problems:
         problems.append(Problem("the legend names no category", "", file))
     if len(index) > NO_COVER:
@@ -245,23 +249,6 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     if problems:
         raise SceneError(*problems)
     return tuple(index), notes, codes
-
-
-def _legend_rows(file: str) -> list[tuple[int, dict[str, Any]]]:
-    """Line number and cells of each row, whatever sign separates them; comment lines begin with #."""
-    try:
-        lines = enumerate(Path(file).read_text(encoding="utf-8-sig").splitlines(), start=1)
-        kept = {number: line for number, line in lines if line.strip() and not line.startswith("#")}
-        numbers, header = list(kept), next(iter(kept.values()), "")
-        reader = csv.DictReader(kept.values(), delimiter=max(",;\t", key=header.count))
-        rows = [(numbers[reader.line_num - 1], row) for row in reader]
-    except UnicodeDecodeError as error:
-        raise SceneError("cannot read the legend: not UTF-8 text", "Save it as UTF-8", file=file) from error
-    except (OSError, csv.Error) as error:
-        raise SceneError(f"cannot read the legend: {error}", file=file) from error
-    if not {"code", "category"} <= set(reader.fieldnames or ()):
-        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
-    return rows
 
 
 def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float, int, int]:

@@ -11,7 +11,6 @@ while it integrates. The scene lies in the middle of the arc, which is taken as 
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from scipy.special import erf
 
 from seqrsm.arrays import FloatArray
+from seqrsm.csv_lines import read_cells
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.parameters import RADIOMETER
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -292,20 +292,14 @@ def _measured_integral(path: str) -> FloatArray:
     """Running integral of a pattern read from CSV: angle in half-power beamwidths, linear power gain."""
     name, field, columns = Path(path).name, "beam_file", ["angle_beamwidths", "gain"]
     remedy = f"Give columns {','.join(columns)}: rising angles and a power ratio >= 0, not dB, in at least 5 rows"
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            rows = [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigurationError(f"not a readable pattern: {error}", remedy, file=path, field=field) from error
-    if not rows or [cell.strip() for cell in rows[0][1]] != columns:
-        line, header = rows[0] if rows else (1, [])
+    (line, header), *rows = read_cells(path, "the pattern", ConfigurationError, field) or [(1, [])]
+    if header != columns:
         raise ConfigurationError(
             "no antenna pattern", remedy, file=name, line=line, field=field, value=",".join(header)
         )
     points: list[tuple[float, float]] = []
     problems = []
-    for line, row in rows[1:]:
+    for line, row in rows:
         try:
             angle, gain = map(float, row)
         except ValueError:

@@ -205,6 +205,8 @@ def test_a_file_of_cultural_targets(campaign):
     csv = folder / "targets.csv"
     csv.write_text("row,column,cross_section_dbm2,height_m,directions_deg,lobe_deg\n30,40,50,2,,\n30,60,50,,0;90,20\n")
     bright = arrays(folder)
+    csv.write_text(csv.read_text().replace("0;90", "0 90").replace(",", ";"))
+    np.testing.assert_array_equal(arrays(folder)["mean_power_w"], bright["mean_power_w"])
     plain = arrays(campaign(quiet))
     gain = bright["mean_power_w"][0] / plain["mean_power_w"][0]
     pixel = bright["pixel_of_cell"]
@@ -221,7 +223,7 @@ def test_a_file_of_cultural_targets(campaign):
         "row,column,cross_section_dbm2\n1,2,500\n": ["targets.csv:2", "120 dBm2"],
         "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900", "[simulator.fixed] targets_file"],
         "row,column,cross_section_dbm2,height_m\n1,2,3,1e200\n": ["targets.csv:2", "1,2,3,1e200", "1000 m of height"],
-        "row;column;cross_section_dbm2\n1;2;3\n": ["targets.csv:1", "separated by commas"],
+        "row column cross_section_dbm2\n1 2 3\n": ["targets.csv:1", "its columns"],
         "": ["empty"],
     }.items():
         csv.write_text(text)

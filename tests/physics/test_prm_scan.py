@@ -324,19 +324,21 @@ def test_measured_pattern_is_the_formula_it_was_measured_from(tmp_path):
     path.write_text(f"# made\nangle_beamwidths,gain\n{rows}\n")
     measured = beam_integral(radiometer(beam="measured", beam_file=str(path)))
     np.testing.assert_allclose(measured, beam_integral(radiometer()), atol=1e-4)
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","))  # as a spreadsheet of many countries has it
+    np.testing.assert_array_equal(beam_integral(radiometer(beam="measured", beam_file=str(path))), measured)
     unclosed = '"' + "0,1\n" * 50_000
     for text in (
         "angle,gain\n0,1",
         *(f"angle_beamwidths,gain\n{rows}\n{x}" for x in ("nan,1", "inf,1", "1e9,1", "2,inf", unclosed)),
     ):
         path.write_text(text)
-        with pytest.raises(ConfigurationError, match=r"angle_beamwidths|field larger"):
+        with pytest.raises(ConfigurationError, match=r"angle_beamwidths|pattern\.csv:402: not a CSV line"):
             beam_integral(radiometer(beam="measured", beam_file=str(path)))
     for text, place in (("0;1", 2), ("0,1,2", 2), ("0,1\n0.5", 3), ("0,0\n1,-3", 3), ("0,1\n\n-1,0", 4)):
         path.write_text(f"angle_beamwidths,gain\n{text}\n")
         with pytest.raises(ConfigurationError, match=rf"pattern\.csv:{place}: .*not a point .* not dB"):
             beam_integral(radiometer(beam="measured", beam_file=str(path)))
-    with pytest.raises(ConfigurationError, match="not a readable pattern"):
+    with pytest.raises(ConfigurationError, match="cannot read the pattern"):
         beam_integral(radiometer(beam="measured", beam_file=str(tmp_path / "none.csv")))
 
 

@@ -5,7 +5,6 @@ Each is an isotropic radiator of so many decibels, or specular in named directio
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray
+from seqrsm.csv_lines import read_cells
 from seqrsm.errors import Problem, SceneError
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
@@ -92,7 +92,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     """Cultural targets of a CSV file.
 
     Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
-    directions are separated by blanks.
+    directions are separated by blanks. See `seqrsm.csv_lines.read_cells`.
 
     Raises
     ------
@@ -100,21 +100,15 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
         Not readable, an unknown or missing column, a value that is not a number or impossible; with file and line.
     """
     name = Path(path).name
-    try:
-        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        text = f"the cultural targets cannot be read: {getattr(error, 'strerror', None) or error}"
-        raise SceneError(text, "Give a CSV file", file=path, field="targets_file") from error
-    header = [word.strip() for word in lines[0]] if lines else []
+    (first, header), *lines = read_cells(path, "the cultural targets", SceneError, "targets_file") or [(1, [])]
     read = {**_REQUIRED, **_OPTIONAL}
     if not _REQUIRED.keys() <= set(header) <= read.keys() or len(set(header)) < len(header):
         text = "its columns are not those of cultural targets" if header else "the file is empty"
-        remedy = f"Give {', '.join(_REQUIRED)}, and where needed {', '.join(_OPTIONAL)}, separated by commas"
-        raise SceneError(text, remedy, file=name, line=1)
+        remedy = f"Give {', '.join(_REQUIRED)}, and where needed {', '.join(_OPTIONAL)}"
+        raise SceneError(text, remedy, file=name, line=first)
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
-    for number, line in enumerate(lines[1:], start=2):
-        words = [word.strip() for word in line]
+    for number, words in lines:
         if not any(words):
             continue
         try:
@@ -126,9 +120,9 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
             remedy = (
                 "Give whole numbers for row and column, numbers for the rest, several directions with spaces between"
             )
-            problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(line)))
+            problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(words)))
         except SceneError as error:
-            problems += [replace(one, file=name, line=number, value=",".join(line)) for one in error.problems]
+            problems += [replace(one, file=name, line=number, value=",".join(words)) for one in error.problems]
     if problems:
         raise SceneError(*problems)
     return tuple(targets)
