@@ -10,8 +10,11 @@ from typing import Any
 def plain(value: Any) -> Any:
     """``value`` with numpy scalars and arrays as Python's, and nan and infinities as None.
 
-    Mappings keep their order with keys as text; sequences and sets become lists; anything else becomes its text.
+    Mappings keep their order with keys as text, dataclasses are mappings of their fields; sequences and sets become
+    lists; anything else becomes its text.
     """
+    if hasattr(value, "__dataclass_fields__"):
+        value = shallow(value)
     if isinstance(value, Mapping):
         return {str(key): plain(inner) for key, inner in value.items()}
     if hasattr(value, "tolist"):

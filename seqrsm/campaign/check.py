@@ -8,10 +8,10 @@ import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtri
@@ -162,10 +162,6 @@ class CheckResult(Judged):
     def judged(self) -> tuple[Judged, ...]:
         """All applications, the farthest from its targets first."""
         return self, *self.others
-
-    def to_json(self) -> dict[str, Any]:
-        """The result as a JSON document."""
-        return asdict(self)
 
 
 def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:

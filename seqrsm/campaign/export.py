@@ -7,7 +7,7 @@ import io
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, astuple, fields
+from dataclasses import astuple, fields
 from pathlib import Path
 
 from seqrsm import __version__
@@ -15,7 +15,7 @@ from seqrsm.campaign.guards import see_meaning
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import StoreError
 from seqrsm.files import put, see_free
-from seqrsm.plain import heading
+from seqrsm.plain import heading, plain
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import KEPT, RunRecord, ScoreRecord
@@ -71,7 +71,7 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "factors": [{"name": factor.name, "unit": factor.unit} for factor in spec.factors],
         "applications": [{"name": one.name, "unit": one.score_unit} for one in spec.applications],
         "cost_unit": spec.cost.unit,
-        **{kind: [asdict(record) for record in getattr(store, kind)()] for kind in ("runs", *KEPT)},
+        **{kind: plain(getattr(store, kind)()) for kind in ("runs", *KEPT)},
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 

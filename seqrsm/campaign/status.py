@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -60,7 +59,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         ],
     }
     if history:
-        result["history"] = [asdict(event) for event in events]
+        result["history"] = plain(events)
     return result
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from seqrsm.catalog.tables import Entry, Platform
+from seqrsm.plain import plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +98,6 @@ def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
     return tuple(statements)
 
 
-def to_json(result: object) -> Any:
-    """Any result of this package as dictionaries, lists, strings and numbers, which ``json.dumps`` takes.
-
-    Every field of it by its name. Dataclasses become dictionaries, sequences lists; an open or unprinted number is
-    None.
-    """
-    if is_dataclass(result) and not isinstance(result, type):
-        document = {field.name: to_json(getattr(result, field.name)) for field in fields(result)}
-        if isinstance(result, Entry | Platform):
-            document["name"] = result.name
-        return document
-    if isinstance(result, tuple | list):
-        return [to_json(item) for item in result]
-    return result
+def to_json(entries: Iterable[Entry | Platform]) -> list[dict[str, Any]]:
+    """Every field of entries or platforms by its name, and what they are called."""
+    return [{**plain(entry), "name": entry.name} for entry in entries]

@@ -195,7 +195,7 @@ def check(folder: Folder, as_json: AsJson = False) -> None:
     with display("checking", inner=False) as shown:
         result = check_campaign(folder, partial(shown.count, "checking"))
     if as_json:
-        print_json(result.to_json())
+        print_json(result)
     else:
         show_sections(check_sections(result))
         line()

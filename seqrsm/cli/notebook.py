@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, wraps
 from numbers import Integral
 from pathlib import Path
@@ -480,7 +480,8 @@ class Ingested(Shown):
 
     def to_json(self) -> list[dict[str, Any]]:
         """As ``seqrsm ingest --json``."""
-        return [asdict(report) for report in self.reports]
+        found: list[dict[str, Any]] = plain(self.reports)
+        return found
 
 
 @dataclass(repr=False, eq=False)

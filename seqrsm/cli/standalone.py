@@ -72,7 +72,8 @@ def catalog(
     asked = " ".join(words or ())
     table, whole = table_called(asked), load_catalog()
     if not asked:
-        print_json(to_json(whole)) if as_json else show.show_tables()
+        every = {"tables": whole.tables, "entries": to_json(whole.entries), "platforms": to_json(whole.platforms)}
+        print_json(every) if as_json else show.show_tables()
     elif table is not None:
         print_json(to_json(whole.of(table))) if as_json else show.show_table_of(table)
     else:
