@@ -174,6 +174,12 @@ def n_determined(model: QuadraticModel, points: FloatArray, blocks: FloatArray |
     return len(points) if determined else int(np.linalg.matrix_rank(Z))
 
 
+def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
+    """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
+    scored = (scored_runs(spec.region, runs, one.name) for one in spec.applications)
+    return min(n_determined(spec.quadratic, data.points, block_columns(block_labels(spec, data))[0]) for data in scored)
+
+
 def _mean_of(values: Sequence[float | None]) -> float:
     """Mean of those that are known; nan where none is."""
     known = [float(value) for value in values if value is not None]

@@ -6,41 +6,25 @@ where it was, and ends with the same result as one that was not.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import (
-    COVERS,
-    FEW_WORLDS,
-    LEVEL_WORLDS,
-    MEASURED,
-    N_WORLDS,
-    OCCASIONS,
-    RANKED,
-    future_sd,
-    left_of_ground,
-    measured_ground,
-    still_ranked,
-)
+from seqrsm.analysis.ground import MEASURED, RANKED, measured_ground
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import block_labels, coded_settings, evidence, n_determined, scored_runs, see_names
+from seqrsm.analysis.runs import coded_settings, evidence, n_determined, n_fitted, see_names
 from seqrsm.analysis.to_json import look_summary
-from seqrsm.arrays import FloatArray
 from seqrsm.campaign.guards import see_meaning, see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
-from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
-from seqrsm.fit.least_squares import block_columns
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec, placed
 from seqrsm.spec.tables import ApplicationSpec
@@ -49,7 +33,6 @@ from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
-    from seqrsm.campaign.simulation import SimulationTask
     from seqrsm.score.table import TableSource
 
 Progress = Callable[[int, int], None]
@@ -61,12 +44,6 @@ MAX_ATTEMPTS = 9
 
 def silent(*_: object) -> None:
     """Tell nobody."""
-
-
-def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
-    """Scores that can be fitted, of the application that has the fewest: terms they determine, if that is not all."""
-    scored = (scored_runs(spec.region, runs, one.name) for one in spec.applications)
-    return min(n_determined(spec.quadratic, data.points, block_columns(block_labels(spec, data))[0]) for data in scored)
 
 
 class Campaign:
@@ -282,6 +259,8 @@ class Campaign:
             What scores are made from has changed since the runs so far, or what they are scores of; see
             `seqrsm.campaign.experiment`, `see_names` and `see_units`. Or a new application scores no earlier run.
         """
+        from seqrsm.campaign.grounds import Grounds  # the engines: not loaded for fit or status
+
         see_names(self.spec, runs := self.store.runs())
         see_units(self.spec, runs)
         coded_settings(self.spec.region, [run for run in evidence(runs) if run.state in (*WAITING, "scored")])
@@ -300,7 +279,7 @@ class Campaign:
                 self._tried |= (late := {run.run_id for run in earlier})
                 self._carry_out(earlier, workers, cluster, on_progress)
                 carried |= late - {run.run_id for run in self._without_a_score()}
-            self._measure_ground(workers, cluster)
+            Grounds(self.spec, self.store, workers, cluster).measure()
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
     def _see_simulator(self, *, note: bool) -> None:
@@ -324,168 +303,6 @@ class Campaign:
         made = self.store.runs("scored", source="simulation")
         return [one.name for one in self.spec.applications if not any(run.score_of(one.name) for run in made)]
 
-    def _measure_ground(self, workers: int, cluster: str | None) -> None:
-        """Once, when there are scores enough to fit: simulate two occasions in each of some worlds.
-
-        At the best settings so far of each application; see `seqrsm.analysis.ground`.
-        """
-        known = {event.detail.get("application") for event in self.store.events(kind=MEASURED)}
-        wanted = [application for application in self.spec.applications if application.name not in known]
-        if self.spec.simulator is None or not wanted:
-            return
-        runs = self.store.runs("scored", source="simulation")
-        if n_fitted(self.spec, runs) <= self.spec.quadratic.p:
-            return
-        for application in wanted:
-            found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
-            pick = max if application.goal == "maximize" else min
-            settings = pick(found, key=lambda one: one[0])[1].settings
-            self._simulate_grounds(application.name, settings, workers, cluster)
-
-    def measure_ground_at(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> bool:
-        """The same at what is recommended, where it was not done there: scatter differs from place to place.
-
-        Whether any was measured: what the runs tell has then changed.
-        """
-        done = [(event.detail["application"], event.detail["settings"]) for event in self.store.events(kind=MEASURED)]
-        own = [(one.application, dict(one.optimum.settings)) for one in analyses if one.optimum.ground is not None]
-        wanted = [one for one in own if one not in done]
-        added = [self._simulate_grounds(name, settings, workers, cluster) for name, settings in wanted]
-        return any(added)
-
-    def _simulate_grounds(
-        self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
-    ) -> bool:
-        """Two occasions in each of some worlds; an event keeps the scores. Whether there were enough."""
-        whole = self._bundle(application, settings, workers, cluster)
-        whole = whole[np.isfinite(whole).all(axis=1)]
-        if len(whole) > 1:
-            detail = {"application": application, "settings": dict(settings), "scores": whole.tolist()}
-            self.store.add_event(MEASURED, detail, once=("application", "settings"))
-        return len(whole) > 1
-
-    def _bundle(
-        self, application: str, settings: Mapping[str, float | str], workers: int, cluster: str | None
-    ) -> FloatArray:
-        """Scores (worlds, occasions) at some settings: as an event keeps them, else simulated; nan where one failed."""
-        from seqrsm.campaign.simulation import bundle_tasks
-
-        for event in self.store.events(kind=MEASURED):
-            kept = event.detail
-            if (kept["application"], kept["settings"]) == (application, settings) and len(kept["scores"]) == N_WORLDS:
-                return np.array(kept["scores"])
-        tasks = bundle_tasks(self.spec, settings, self.cells_of_ground())
-        return self.scores_of(tasks, application, workers, cluster).reshape(N_WORLDS, OCCASIONS)
-
-    def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
-        """Simulate what would be left of the variance between grounds if covers were known.
-
-        At what is recommended. And how far other levels of its categorical factors gain more or less from ground to
-        ground.
-        """
-        for analysis in analyses:
-            known, unit = self._known(analysis, workers, cluster)
-            detail = {
-                "application": analysis.application,
-                "settings": dict(analysis.optimum.settings),
-                "unit": unit,
-                "known": known,
-                "levels": self._other_levels(analysis, workers, cluster),
-            }
-            self.store.add_event(RANKED, detail, once=("application", "settings", "known"))
-
-    def _known(self, analysis: Analysis, workers: int, cluster: str | None) -> tuple[list[dict[str, Any]], str]:
-        """The covers that move the score most, each and all: what they would leave, see `left_of_ground`; the unit."""
-        from seqrsm.campaign.rests_on import mean_sds
-        from seqrsm.campaign.simulation import bundle_tasks
-
-        settings, cells, ground = analysis.optimum.settings, self.cells_of_ground(), analysis.optimum.ground
-        sds, unit = mean_sds(self.spec, settings)
-        variance = ground.share * ground.variance if ground and analysis.optimum.of_ground > 0.0 else 0.0
-        if not (variance > 0.0 and sds):  # nothing is told of it
-            return [], unit
-        bundle = bundle_tasks(self.spec, settings, cells)[::OCCASIONS]  # one occasion of each world
-        here = self._bundle(analysis.application, settings, workers, cluster)[:, 0]
-
-        def moved(covers: Sequence[tuple[str, ...]], worlds: slice = slice(None)) -> FloatArray:
-            # Neighbours share draws.
-            tasks = [replace(task, elsewhere=own) for task in bundle[worlds] for own in covers]
-            scores = self.scores_of(tasks, analysis.application, workers, cluster)
-            return scores.reshape(-1, len(covers)).T
-
-        def left(own: tuple[str, ...], there: FloatArray) -> dict[str, Any]:
-            both = np.isfinite(here) & np.isfinite(there)
-            share, se = left_of_ground(here[both], there[both], variance)
-            return {"covers": own, "mean_sd": sds[own[0]], "left": round(share, 4), "se": round(se, 4)}
-
-        covers = [(name,) for name in sds]
-        few = moved(covers, slice(FEW_WORLDS))
-        kept = still_ranked(few - here[:FEW_WORLDS])
-        covers = [covers[k] for k in kept]
-        each = np.hstack([few[kept], moved(covers, slice(FEW_WORLDS, None))])
-        found = [left(own, there) for own, there in zip(covers, each, strict=True)]
-        found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
-        if len(found) > 1:
-            names = tuple(one["covers"][0] for one in found)
-            found.append(left(names, moved([names])[0]))
-        return found, unit
-
-    def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
-        """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""
-        from seqrsm.campaign.simulation import bundle_tasks
-
-        settings, region = analysis.optimum.settings, self.spec.region
-        others = [
-            (factor.name, level)
-            for factor in self.spec.factors
-            if isinstance(factor, CategoricalFactor)
-            for level in factor.levels
-            if level != settings[factor.name] and region.feasible(region.code([{**settings, factor.name: level}]))[0]
-        ]
-        if not others:
-            return []
-        first = self._bundle(analysis.application, settings, workers, cluster)[:LEVEL_WORLDS]
-        made, cells = [{**settings, name: level} for name, level in others], self.cells_of_ground()
-        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, range(LEVEL_WORLDS))]
-        rest = self.scores_of(tasks, analysis.application, workers, cluster).reshape(-1, LEVEL_WORLDS, OCCASIONS)
-        found: list[dict[str, float | str]] = []
-        for (name, level), one in zip(others, rest, strict=True):
-            gain = (one - first)[np.isfinite(one - first).all(axis=1)]
-            if len(gain) > 1:
-                found.append({"factor": name, "level": level, "sd": round(future_sd(gain, math.inf), 4)})
-        return found
-
-    @staticmethod
-    def scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:
-        """Scores (n,) of an application by simulations that are no run's; nan where one failed."""
-        from seqrsm.campaign.simulation import carry_out, files_of
-        from seqrsm.simulate.runner import run_many
-
-        tasks = [replace(task, utilities=tuple(u for u in task.utilities if u[0] == application)) for task in tasks]
-        files = files_of(tasks[0]) if cluster is not None else ()
-        found = np.full(len(tasks), np.nan)
-        for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
-            for one in getattr(result, "scores", ()):
-                found[index] = one.score
-        return found
-
-    def cells_of_ground(self) -> int:
-        """Cells of a coarser database along a side of a pixel at least; 0: as it is. Measured once, and kept.
-
-        See `seqrsm.campaign.tradeoff.coarsest_within`.
-        """
-        if self.spec.simulator is None or self.spec.simulator.tolerance == 0.0:
-            return 0
-        from seqrsm.campaign.tradeoff import COARSENED, coarsest_within
-
-        known = [event.detail for event in self.store.events(kind=COARSENED)]
-        tolerance = self.spec.simulator.tolerance
-        found = next((detail for detail in known if detail["tolerance"] == tolerance), None)
-        if found is None:
-            found = coarsest_within(self.spec)
-            self.store.add_event(COARSENED, found, once=("tolerance",))
-        return int(found["cells"])
-
     def _carry_out(
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
     ) -> None:
@@ -498,10 +315,11 @@ class Campaign:
         StoreError
             None of those could be scored.
         """
+        from seqrsm.campaign.grounds import cells_of_ground
         from seqrsm.campaign.simulation import carry_out, files_of, task_of
         from seqrsm.simulate.runner import Lost, run_many
 
-        cells = self.cells_of_ground()
+        cells = cells_of_ground(self.spec, self.store)
         tasks = [task_of(self.spec, run.run_id, run.proposed, cells) for run in claimed]
         for k, run in enumerate(claimed):
             if run.state == "scored":

@@ -22,6 +22,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import fields_to_json, interval_to_json
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign, silent
+from seqrsm.campaign.grounds import cells_of_ground, scores_of
 from seqrsm.campaign.instruments import (
     Instrument,
     as_factors,
@@ -205,7 +206,7 @@ class _Comparer:
         self, campaign: Campaign, analysis: Analysis, application: ApplicationSpec, worlds: int, workers: int
     ) -> None:
         self.spec, self.analysis, self.application = campaign.spec, analysis, application
-        self.campaign, self.workers = campaign, workers
+        self.workers = workers
         score, sign = application.sufficient, sign_of(analysis.goal)
         relative = score is None
         margin = self.spec.stop_of(application.name).half_width
@@ -218,7 +219,7 @@ class _Comparer:
         self.places: dict[str, list[Instrument]] = {}
         if self.spec.simulator is None:
             return
-        cells = campaign.cells_of_ground()
+        cells = cells_of_ground(self.spec, campaign.store)
         made = bundle_tasks(self.spec, self.settings, cells, range(2 * worlds + PILOT_WORLDS))
         n, later = worlds * OCCASIONS, (worlds + PILOT_WORLDS) * OCCASIONS
         self.tasks, self.pilots, self.fresh = made[:n], made[n:later:OCCASIONS], made[later:]
@@ -374,5 +375,5 @@ class _Comparer:
         worlds = len({task.world for task in tasks})
         if not made:
             return np.empty((0, worlds, 1))
-        scores = self.campaign.scores_of(made, self.application.name, self.workers, None)
+        scores = scores_of(made, self.application.name, self.workers)
         return scores.reshape(len(instruments), worlds, -1)

@@ -13,8 +13,10 @@ from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import LOOK_DRAWS
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.runs import n_fitted
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, n_fitted, silent
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, silent
+from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
@@ -96,20 +98,17 @@ def run_campaign(
         No run of the initial design, or of several batches after it, gave a score, and with what reasons.
     """
     simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
-    rank = partial(campaign.rank_values, workers=workers, cluster=cluster)
-    measure = partial(campaign.measure_ground_at, workers=workers, cluster=cluster)
-    loop = _ClosedLoop(campaign, simulate, measure, rank, on_look, say)
+    loop = _ClosedLoop(campaign, simulate, Grounds(campaign.spec, campaign.store, workers, cluster), on_look, say)
     return loop.run(max_runs or campaign.spec.stop.max_runs, batch or campaign.spec.batch)
 
 
 @dataclass(frozen=True, slots=True)
 class _ClosedLoop:
-    """One call of `run_campaign`; ``simulate`` to ``rank`` do so where the user wants it, ``seconds``: by stage."""
+    """One call of `run_campaign`; ``simulate`` does so where the user wants it, ``seconds``: by stage."""
 
     campaign: Campaign
     simulate: Callable[[], Sequence[RunRecord]]
-    measure: Callable[[Sequence[Analysis]], bool]
-    rank: Callable[[Sequence[Analysis]], None]
+    grounds: Grounds
     on_look: Callable[[Analysis], None]
     say: Callable[[str], None]
     seconds: dict[str, float] = field(default_factory=dict)
@@ -150,7 +149,7 @@ class _ClosedLoop:
             analyses = campaign.analyse_all(n_draws=LOOK_DRAWS)
         if left <= 0 or all(analysis.decision.held for analysis in analyses):
             with self._timed("rank"):
-                if spec.simulator is not None and self.measure(analyses):
+                if spec.simulator is not None and self.grounds.measure_at(analyses):
                     return None  # the end may not be one: runs scatter there as they do, not as elsewhere
         campaign.record_looks(analyses)
         for analysis in analyses:
@@ -251,7 +250,7 @@ class _ClosedLoop:
             if any(one.optimum.settings not in told for one in analyses):
                 self.say("simulating other grounds at the recommended settings")
                 with self._timed("rank"):
-                    self.rank(analyses)
+                    self.grounds.rank(analyses)
             rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
         self.say("sampling the posterior")
         with self._timed("sample"):

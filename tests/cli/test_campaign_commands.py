@@ -16,10 +16,11 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
-from seqrsm.campaign import check, rests_on
+from seqrsm.campaign import check, grounds
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import _Scatter, _surfaces
 from seqrsm.campaign.dossier import _reproduce as reproduce
+from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, carry_out, task_of
 from seqrsm.cli.app import app
 from seqrsm.plain import shallow
@@ -88,12 +89,14 @@ def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished, monke
     assert last["settings"] == analysis.optimum.settings != first["settings"]
     assert analysis.optimum.ground == ground_of_scores(last["scores"])
     assert [len(one["scores"]) for one in (first, last)] == [16, 16]
-    bundle = bundle_tasks(campaign.spec, analysis.optimum.settings, campaign.cells_of_ground())
+    cells = grounds.cells_of_ground(campaign.spec, campaign.store)
+    bundle = bundle_tasks(campaign.spec, analysis.optimum.settings, cells)
     assert carry_out(bundle[0]).scores[0].score == pytest.approx(last["scores"][0][0])
-    assert not campaign.measure_ground_at([analysis])  # nothing is simulated twice
+    of_campaign = Grounds(campaign.spec, campaign.store)
+    assert not of_campaign.measure_at([analysis])  # nothing is simulated twice
     elsewhere = replace(analysis, optimum=replace(analysis.optimum, settings=first["settings"] | {"resolution": 33.0}))
-    monkeypatch.setattr(Campaign, "scores_of", staticmethod(lambda tasks, *_: np.full(len(tasks), np.nan)))
-    assert not campaign.measure_ground_at([elsewhere])  # nor again and again where nothing can be
+    monkeypatch.setattr(grounds, "scores_of", lambda tasks, *_: np.full(len(tasks), np.nan))
+    assert not of_campaign.measure_at([elsewhere])  # nor again and again where nothing can be
     campaign.store.close()
 
 
@@ -150,16 +153,16 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
         asked.append([(task.world - 2**30, task.run_id - 2**30, task.elsewhere) for task in tasks])
         return np.array([here[world] + sum(moves.get(n, hardly)[world] for n in own) for world, _, own in asked[-1]])
 
-    monkeypatch.setattr(Campaign, "scores_of", staticmethod(scored))
-    monkeypatch.setattr(Campaign, "_other_levels", lambda *_: [])
+    monkeypatch.setattr(grounds, "scores_of", scored)
+    monkeypatch.setattr(Grounds, "other_levels", lambda *_: [])
     covers = dict.fromkeys(("Water", "Oats", "Grass", "Asphalt", "Trees"), 2.0)
-    monkeypatch.setattr(rests_on, "mean_sds", lambda *_: (covers, "dB"))
+    monkeypatch.setattr(grounds, "mean_sds", lambda *_: (covers, "dB"))
     with sqlite3.connect(copy / "campaign.db") as base:
         base.execute("delete from events where kind = ?", (RANKED,))
     base.close()
     (analysis,) = campaign.analyse_all()
     ground = replace(analysis.optimum.ground, sd_ground=4.0, sd_chance=3.0, share=0.64)
-    campaign.rank_values([replace(analysis, optimum=replace(analysis.optimum, ground=ground))])
+    Grounds(campaign.spec, campaign.store).rank([replace(analysis, optimum=replace(analysis.optimum, ground=ground))])
     (event,) = campaign.store.events(kind=RANKED)
     told = {tuple(one["covers"]): one["left"] for one in event.detail["known"]}
     every = tuple(moves)
@@ -199,12 +202,13 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     other = make_tiny(tmp_path / "other", tiny_scene, OF_TWO_PLACES)
     batches: list[tuple[int, int]] = []
 
-    def noted(function, arguments, workers, *rest):
+    def noted(function, arguments, workers, *rest, **named):
         if function is carry_out:  # not the threads of one image
             batches.append((len(arguments), workers))
-        return run_many(function, arguments, workers, *rest)
+        return run_many(function, arguments, workers, *rest, **named)
 
     monkeypatch.setattr(runner, "run_many", noted)
+    monkeypatch.setattr(grounds, "run_many", noted)
     ok("run", other, "--workers", 2)
     assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
     # Two occasions in each of 16 worlds, after the start and at the end; the other level in 8 of those.

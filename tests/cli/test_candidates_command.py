@@ -13,6 +13,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 import seqrsm
+from seqrsm.campaign import candidates
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import FILE, candidates_of
 from seqrsm.campaign.dossier import assemble
@@ -94,13 +95,13 @@ def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared:
 def test_the_first_is_compared_again_in_worlds_that_had_no_part_in_its_choice(compared: Path, monkeypatch) -> None:
     """Of many as good in truth the first is one that the worlds favour, by more than its interval allows for."""
     drawn = []
-    scores_of = Campaign.scores_of
+    scores_of = candidates.scores_of
 
     def seen(tasks: list, *others: object) -> object:
         drawn.append({task.world for task in tasks})
         return scores_of(tasks, *others)
 
-    monkeypatch.setattr(Campaign, "scores_of", staticmethod(seen))
+    monkeypatch.setattr(candidates, "scores_of", seen)
     told = ok("candidates", compared, "--worlds", 4)
     first, *others = json.loads((compared / FILE).read_text(encoding="utf-8"))["applications"]["cover"]["candidates"]
     assert len(drawn[-1]) == 4

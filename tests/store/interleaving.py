@@ -16,6 +16,7 @@ from seqrsm.analysis import conclude
 from seqrsm.campaign import campaign as campaign_module
 from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.loop import run_campaign
 from seqrsm.errors import UserError
 from seqrsm.simulate import runner
@@ -84,8 +85,8 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
     monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
-    monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
-    monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)
+    monkeypatch.setattr(Grounds, "measure", lambda *_: None)
+    monkeypatch.setattr(Grounds, "rank", lambda *_: None)
     monkeypatch.setattr(loop, "rests_on", lambda *_: {})
 
 

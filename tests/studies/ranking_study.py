@@ -3,7 +3,7 @@
     python tests/studies/ranking_study.py [--worlds 96]
 
 Every cover of three examples is drawn anew in many worlds. Then sets of 16 of these worlds are drawn, and ranked as
-`seqrsm.campaign.campaign.Campaign.rank_values` does, with all covers in all worlds beside it.
+`seqrsm.campaign.grounds.Grounds.rank` does, with all covers in all worlds beside it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from seqrsm.analysis.ground import COVERS, FEW_WORLDS, N_WORLDS, OCCASIONS, still_ranked
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.grounds import scores_of
 from seqrsm.campaign.rests_on import mean_sds
 from seqrsm.campaign.simulation import bundle_tasks
 from seqrsm.spec.read import load_spec
@@ -39,7 +39,7 @@ def moved(name: str, settings: dict[str, float | str], worlds: int) -> tuple[lis
     covers = list(mean_sds(spec, settings)[0])
     tasks = bundle_tasks(spec, settings, 0, range(worlds))[::OCCASIONS]
     asked = [replace(task, elsewhere=own) for task in tasks for own in ((), *((cover,) for cover in covers))]
-    scores = Campaign.scores_of(asked, spec.applications[0].name, 1, None).reshape(worlds, -1)
+    scores = scores_of(asked, spec.applications[0].name).reshape(worlds, -1)
     return covers, scores[:, 1:] - scores[:, :1]
 
 

@@ -15,6 +15,7 @@ from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.loop import run_campaign
 from seqrsm.campaign.next_runs import next_batch
 from seqrsm.errors import RegionError, SpecError, StoreError, UserError
@@ -75,8 +76,8 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         )
         # These scores know nothing of files and grounds.
         monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
-        monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
-        monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)
+        monkeypatch.setattr(Grounds, "measure", lambda *_: None)
+        monkeypatch.setattr(Grounds, "rank", lambda *_: None)
         monkeypatch.setattr(loop, "rests_on", lambda *_: {})
         place = tmp_path / folder
         place.mkdir()

@@ -13,8 +13,9 @@ from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.steps import joint_draws
-from seqrsm.campaign import simulation
+from seqrsm.campaign import grounds
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.grounds import Grounds
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.report.blocks import Table
 from seqrsm.report.figures.optimum import paint_lines, set_numeric_axis
@@ -171,7 +172,7 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     """What a ground does to all levels alike is no difference between them; a level's own is, and chance is not."""
     found = analysis(tmp_path)
     opened, own = Campaign.open(tmp_path / "c"), {"L": 3.0, "C": 0.0, "L+C": 0.0}
-    monkeypatch.setattr(simulation, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * len(worlds))
+    monkeypatch.setattr(grounds, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * len(worlds))
     common = 20.0 * np.repeat(np.random.default_rng(1).standard_normal(8), 2)
     ground = np.repeat([-1.0, 1.0] * 4, 2)
 
@@ -179,9 +180,9 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
         return np.concatenate([60.0 + common + own[one["bands"]] * ground for one in tasks[::16]])
 
     here = scores([found.optimum.settings]).reshape(-1, 2)
-    monkeypatch.setattr(Campaign, "_bundle", lambda *_: here)
-    monkeypatch.setattr(Campaign, "scores_of", staticmethod(scores))
-    levels = opened._other_levels(found, 1, None)
+    monkeypatch.setattr(Grounds, "_bundle", lambda *_: here)
+    monkeypatch.setattr(grounds, "scores_of", scores)
+    levels = Grounds(opened.spec, opened.store).other_levels(found)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
 
