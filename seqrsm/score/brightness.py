@@ -130,7 +130,8 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     """
     pixel = seen_pixels(image)
     block, n_blocks = squares_of(scene, BLOCK_M)
-    ground = expected_ground(image, scene, pixel)
+    held = _held_pixels(image, pixel)
+    ground = expected_ground(image, scene, held)
     radiometer = image.radiometer
     n_pixels = image.brightness_k[0].size
     spread = region_spread(scene, radiometer)
@@ -141,7 +142,7 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     together = _covariance(image, ground, slope, centre)
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
-    weights = _weights(pixel, block, n_pixels, n_blocks)
+    weights = _weights(held, block, n_pixels, n_blocks)
     own = own_of_squares(scene, block, n_blocks, image.moist)
     met = weights.T @ np.column_stack([own, np.ones(n_blocks)])
     of_footprint = (met[:, 0] / np.maximum(met[:, 1], 1e-9)).reshape(ground.temperature_k.shape)
@@ -169,6 +170,16 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     departs = np.sqrt(spread**2 + radiometer.soil_moisture_field_sd**2 * own)[:, None]
     found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, departs)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
+
+
+def _held_pixels(image: RadiometerImage, pixel: AnyArray) -> AnyArray:
+    """Footprint that holds the centre of each cell, -1 where none does: in gaps the nearest tells of other ground.
+
+    One that holds no centre, being finer than the cells, stands for those that it is nearest to.
+    """
+    inside = (image.coverage > 0) & (pixel >= 0)
+    finer = np.bincount(pixel[inside], minlength=image.brightness_k[0].size) == 0
+    return np.where(inside | ((pixel >= 0) & finer[pixel]), pixel, -1)
 
 
 def own_of_squares(scene: Scene, block: AnyArray, n_blocks: int, moist: BoolArray) -> FloatArray:

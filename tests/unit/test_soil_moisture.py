@@ -347,6 +347,29 @@ def test_a_radiometer_believes_its_brightness_as_far_as_it_may(channels: tuple[s
     assert 0.85 < np.mean(slopes) < 1.15
 
 
+@pytest.mark.parametrize("cone_deg", [0.0, 40.0])
+def test_ground_between_sweeps_is_not_known_by_them(cone_deg: float) -> None:
+    """Sweeps 400 m apart that see 60 m each: squares in gaps had the nearest's moisture, and skill was below a guess's.
+
+    They have the mean of all; what the others tell is believed as far as it may.
+    """
+    s, slopes, skills = land(("Bareground", "Grass")), [], []
+    apart = {**BAND, "scan_period_s": 400.0 / 70.0 * (1.0 if cone_deg else 2.0), "speed_m_s": 70.0}
+    r = radiometer(frequency_ghz=1.4, **apart, conical_incidence_deg=cone_deg, soil_moisture_region_m=200.0)
+    for run in range(24):
+        found = simulate_radiometer(s, r, load_emissivity_table().in_world(World(4, run)), seed=4, run_id=run)
+        value, unit = retrieved_squares(found, s)
+        cells = unit >= 0
+        truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
+        seen = np.bincount(unit[cells], found.coverage[cells]) > 0
+        assert 0 < np.count_nonzero(~seen) < len(seen)
+        assert np.ptp(value[~seen]) < 0.01  # moisture has ends
+        slopes.append(np.cov(value[seen], truth[seen])[0, 1] / value[seen].var(ddof=1))
+        skills.append(score_moisture([found], s, SKILL, seed=4, run_id=run).value)
+    assert 0.8 < np.mean(slopes) < 1.2
+    assert np.mean(skills) > 0.1
+
+
 def test_moisture_that_fields_have_of_their_own_is_no_sign_of_more_noise() -> None:
     """Where all of it is one field's, noise as stated: the truth regressed on what is retrieved has the slope 1."""
     of = np.arange(160) // 40  # 1 km: beams at edges of fields see two of them
