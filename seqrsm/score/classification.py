@@ -153,12 +153,13 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
     n = evidence.counts.shape[1]
     confusion = np.zeros((len(by.half), n, n), dtype=np.int64)
     for label, said in enumerate(evidence.log_share):
-        counts = evidence.counts
+        features, counts, tile = evidence.features, evidence.counts, evidence.tile
         if evidence.label is not None:
-            counts = np.where((evidence.label == label)[:, None], counts, 0)
+            mine = np.flatnonzero(evidence.label == label)
+            features, counts, tile = np.take(features, mine, axis=1), counts[mine], tile[mine]
         laws = (centre, scale, constant + np.outer(by.trust, said))
-        lines = kernels_classify.work_lines(len(evidence.features))
-        kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws, confusion, *lines)
+        lines = kernels_classify.work_lines(len(features))
+        kernels_classify.name_classes(features, counts, tile, by.half, *laws, confusion, *lines)
     return confusion[by.seen]
 
 

@@ -159,7 +159,7 @@ def evidence_of(
     again = np.diff(of, prepend=-1) == 0  # a unit teaches once
     return replace(
         found,
-        features=layers[:, of],
+        features=np.take(layers, of, axis=1),
         counts=counts,
         tile=tile[of],
         teaching=np.where(again[:, None], 0, teaching[of]),
