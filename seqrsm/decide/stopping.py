@@ -27,10 +27,12 @@ Guard = Literal["runs", "confirmation"]
 LACK_OF_FIT_ALPHA = 0.05
 """Lack of fit with a smaller p stops the stopping."""
 _RUNS_PER_TERM = 3  # of the guard "runs"
-_MIN_DF = 20
-"""Residual degrees of freedom that do in place of that, with three runs for each term in factors that matter where
-another surface is likelier than the quadratic.
+_LEAST_DF, _ENOUGH_DF = 10, 20
+"""Residual degrees of freedom that are asked for beside it, and that do in place of it.
 
+With fewer than 10 campaigns of one factor end after 9 runs, between which a kink or a ripple hides.
+
+With 20, there are three runs for each term in factors that matter where another surface is likelier than the quadratic.
 So many has a quadratic in three factors at three runs a term. With four, five and six factors campaigns then end after
 37, 43 and 50 runs, in place of 45, 63 and 84, and intervals cover as before (`reports/peers`); with 14, 1 to 2 % less.
 Of bells in six factors that all matter a third stopped away from the top by degrees of freedom alone."""
@@ -106,7 +108,7 @@ class StopRule:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
         if self.guard != "runs":
             return n_terms + 1
-        enough = min(_RUNS_PER_TERM * n_terms, n_terms + _MIN_DF)
+        enough = min(max(_RUNS_PER_TERM * n_terms, n_terms + _LEAST_DF), n_terms + _ENOUGH_DF)
         return max(enough, _RUNS_PER_TERM * self.acting_terms)
 
     def width(
@@ -407,10 +409,10 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms)
-        why = f"{_MIN_DF} degrees of freedom"
+        why = f"{needed - n_terms} degrees of freedom"
         if needed == _RUNS_PER_TERM * n_terms:
             why = f"{_RUNS_PER_TERM} per term"
-        elif needed > n_terms + _MIN_DF:
+        elif needed > n_terms + _ENOUGH_DF:
             why = f"{_RUNS_PER_TERM} for each of the {rule.acting_terms} terms in factors that matter"
         more = f", more than the budget of {rule.max_runs} runs" if needed > budget else ""
         text = f"{n_runs} runs for {n_terms} terms; {needed} are required ({why}){more}."

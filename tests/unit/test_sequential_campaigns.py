@@ -418,10 +418,10 @@ def test_a_contradiction_ends_with_the_budget(campaign) -> None:
     def score(settings: dict, run_id: int) -> float:
         return bowl(settings, run_id) - 40.0 * (made.store.runs()[run_id - 1].purpose == CONFIRMATION)
 
-    made = campaign(spec_text(numeric(1), "half_width = 60.0\nmax_runs = 9\nconfirmation_runs = 3"), score)
+    made = campaign(spec_text(numeric(1), "half_width = 60.0\nmax_runs = 13\nconfirmation_runs = 3"), score)
     made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
     outcome = run_campaign(made)
-    assert len([run for run in made.store.runs("scored") if run.purpose != CONFIRMATION]) == 9
+    assert len([run for run in made.store.runs("scored") if run.purpose != CONFIRMATION]) == 13
     assert outcome.held  # the rule does, and there is no run left to go on with
     assert outcome.analyses[0].contradicted
 

@@ -58,6 +58,7 @@ def test_all_parts_hold_and_it_stops() -> None:
         ("interval", {"s": 2.3}, "± 5.1"),
         ("runs", {"n_runs": 34}, "35 are required (20 degrees of freedom)"),
         ("runs", {"n_runs": 17, "n_terms": 6}, "18 are required (3 per term)"),
+        ("runs", {"n_runs": 12, "n_terms": 3}, "13 are required (10 degrees of freedom)"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees of freedom"),
         ("pure_error", {"df_pure_error": 1}, "1 degree of freedom"),
         ("lack_of_fit", {"lack_of_fit": 0.04}, "significant: the model does not describe this region (p = 0.04"),
