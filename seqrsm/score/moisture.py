@@ -50,9 +50,8 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     variance = float(np.mean([date.spread**2 for date in dates]))
     if not any(date.seen for date in dates):
         text = "no scored cells have retrievable soil moisture"
-        raise SceneError(
-            text, "Choose another utility, a scene with bare soil, or days on which fields lie bare.", field="utility"
-        )
+        remedy = "Choose another utility, bare soil that is not frozen, or days on which fields lie bare."
+        raise SceneError(text, remedy, field="utility")
     if variance == 0.0:
         remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
         raise SceneError("all the ground of a run has the same soil moisture", remedy, field="utility")
