@@ -234,7 +234,7 @@ class Campaign:
         """Why not as many runs were issued as the ``n`` asked for; and that the stop rule asks for none."""
         found = []
         if n is not None and len(runs) != n:
-            whole = {"start": "the model needs all of these", "confirmation": "confirmation runs come first"}
+            whole = {"start": "the initial design is issued whole", "confirmation": "confirmation runs come first"}
             why = whole.get(runs[0].purpose, "the budget, [stop] max_runs, leaves no more")
             found.append(f"{counted(len(runs), 'run')} instead of {n}: {why}")
         last = {look.application: look for look in self.opened.store.looks()}

@@ -388,7 +388,7 @@ def test_what_a_notebook_gets_wrong_is_told_and_changes_nothing(tmp_path: Path) 
             call()
     assert not (tmp_path / "n").exists()
     assert c.runs().empty
-    with pytest.warns(UserWarning, match="8 runs instead of 4: the model needs all of these"):
+    with pytest.warns(UserWarning, match="8 runs instead of 4: the initial design is issued whole"):
         plan = c.propose(np.int64(4))
     assert c.form(plan["run_id"]).equals(plan)
     assert c.form([8, 2])["run_id"].tolist() == [8, 2]
