@@ -48,7 +48,8 @@ def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores) or run.reason
         )
         line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
-    line(f"{counted(len(runs), 'run')} completed")
+    failed = sum(run.state == "failed" for run in runs)
+    line(f"{counted(len(runs), 'run')} completed" + f", {failed} without a score" * bool(failed))
 
 
 def show_ingest(report: IngestReport) -> None:
