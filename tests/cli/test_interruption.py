@@ -15,6 +15,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.analysis.ground import MEASURED
+from seqrsm.campaign import grounds
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 
@@ -177,7 +178,7 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
     """Before the next look: else an interrupted campaign would see other intervals than one that was not."""
     two = TINY.replace("[simulator]", '[[application]]\nname = "again"\nutility = "percent_correct"\n\n[simulator]', 1)
     folder = make_tiny(tmp_path / "tiny", tiny_scene, two)
-    simulated, calls, settings = Campaign.scores_of, [], []
+    simulated, calls, settings = grounds.scores_of, [], []
 
     def once(tasks, application, *rest):
         calls.append(application)
@@ -186,7 +187,7 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
             raise KeyboardInterrupt
         return simulated(tasks, application, *rest)
 
-    monkeypatch.setattr(Campaign, "scores_of", staticmethod(once))
+    monkeypatch.setattr(grounds, "scores_of", once)
     campaign = Campaign.open(folder)
     campaign.propose()
     with pytest.raises(KeyboardInterrupt):
