@@ -13,6 +13,7 @@ import numpy as np
 from seqrsm.fit import ensemble
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.target import build_target
+from seqrsm.scattering.calendar import SHIPPED
 from seqrsm.scene.scene import Scene
 from seqrsm.score import evidence
 from seqrsm.score.classification import UtilityScore
@@ -20,8 +21,15 @@ from seqrsm.score.cover import score_cover
 from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer import prm
-from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer.occasion import (
+    RadiometerOccasion,
+    Stages,
+    draw_radiometer_occasion,
+    nominal_radiometer_occasion,
+    stages_of,
+)
 from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.visits import ONCE, Visit
 
 
 @contextmanager
@@ -43,11 +51,17 @@ def percent_correct(
 def still_radiometer(scene: Scene, radiometer: Any, table: Any, **options: Any) -> RadiometerImage:
     """Image of ground as the table has it, at the middle of the moistures; options as of `simulate_radiometer`."""
 
-    def still(radiometer: Any, lookups: Any, scene: Scene, *_: Any, **__: int) -> Any:
+    def still(radiometer: Any, lookups: Any, _: Stages, scene: Scene, *__: Any, **___: int) -> Any:
         return nominal_radiometer_occasion(radiometer, lookups, scene)
 
     with mock.patch.object(prm, "draw_radiometer_occasion", still):
         return prm.simulate_radiometer(scene, radiometer, table, **options)
+
+
+def met_on_time(radiometer: Any, lookups: Any, scene: Scene, visit: Visit, **key: int) -> RadiometerOccasion:
+    """What a radiometer meets where neither years nor fields are early or late."""
+    stages = stages_of(scene, SHIPPED, ONCE, **key)
+    return draw_radiometer_occasion(radiometer, lookups, stages, scene, visit, **key)
 
 
 def sample_posterior(

@@ -9,7 +9,7 @@ season was measured, it is a water cloud over the table's bare soil,
 with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz (grass 0.20), and the canopy's own return
 such that the mean of 22 June to 19 July, when the two L-band flights took place, is the table's level. Between L and C
 band the course is linear in the logarithm of frequency; X and Ku bands follow C band, cereals to 0.7 and 0.5 of it
-(assumed). A radiometer sees the same canopy.
+(assumed). A radiometer sees the same canopy, and the same fields early and late.
 
 Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
 late (`data/calendar_fields.csv`). All dates see the same draw of them. Where crops leave soil bare, nothing but their
@@ -233,6 +233,14 @@ class Calendar:
         if category in self.own or not water.any():
             return 1.0
         return float(on_day(water, day - self.late_days)) / _season_water(category)
+
+    def emission_changes(self, category: str) -> bool:
+        """Whether a cover's emission has a course through the year."""
+        return category in self.own or bool(np.ptp(_canopy(category)[0]) > 0.0)
+
+    def shift_days(self, categories: tuple[str, ...]) -> FloatArray:
+        """Days by which fields of categories are early or late, standard deviation (n_categories,)."""
+        return np.array([row.shift_days for row in self._fields(categories)])
 
     def emission(self, category: str, frequency_ghz: float, polarization: str, day: float) -> tuple[float, float]:
         """What the user's course adds to a cover's emissivity on a day, and its standard deviation; 0 without one."""

@@ -226,7 +226,7 @@ class EmissivityTable:
         return replace(self, world=world)
 
     def lookup(
-        self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, day: float | None = None
+        self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, day: ArrayLike | None = None
     ) -> EmissivityLookup:
         """Emissivity of ``categories`` for one channel.
 
@@ -238,7 +238,7 @@ class EmissivityTable:
             0.3 to 170 [GHz], with wider errors above 40 and 100; a user's own categories at most a third of an octave
             beyond their nodes.
         polarization : {"H", "V"}
-        day : float or None
+        day : float or float array (n_categories,), or None
             Day of the year, one as the next: the vegetation's optical depth goes with the water of its canopy; None:
             the table's, which are taken for those of the growing season.
 
@@ -261,18 +261,20 @@ class EmissivityTable:
         if problems:
             raise ScatteringDataError(*problems)
         f = float(frequency_ghz)
-        canopy = for_each(names, lambda name: 1.0 if day is None else self.calendar.canopy_share(name, day))
-        found = for_each(names, lambda name: self._evaluate(name, f, polarization, canopy[name]))
+        days = np.broadcast_to(0.0 if day is None else day, len(names)).tolist()
+        stages = list(zip(names, days, strict=True))
+        canopy = for_each(stages, lambda stage: 1.0 if day is None else self.calendar.canopy_share(*stage))
+        found = for_each(stages, lambda stage: self._evaluate(stage[0], f, polarization, canopy[stage]))
         n_nodes = max((value.shape[0] for value, _, _ in found.values()), default=1)
-        value = [np.broadcast_to(found[name][0], (n_nodes, THETA_DEG.size)) for name in names]
-        status = tuple(found[name][1] for name in names)
+        value = [np.broadcast_to(found[stage][0], (n_nodes, THETA_DEG.size)) for stage in stages]
+        status = tuple(found[stage][1] for stage in stages)
         assumed = [default_mean_sd("emissivity", *own, f, polarization) for own in zip(names, status, strict=True)]
         mean_sd = [self.mean_sd.get(name, sd) for name, sd in zip(names, assumed, strict=True)]
         if day is not None:
-            course = for_each(names, lambda name: self.calendar.emission(name, f, polarization, day))
-            value = [np.clip(own + course[name][0], 0.0, 1.0) for own, name in zip(value, names, strict=True)]
-            mean_sd = [math.hypot(sd, course[name][1]) for sd, name in zip(mean_sd, names, strict=True)]
-        closed = np.array([self._closed(name, day) for name in names])
+            course = for_each(stages, lambda stage: self.calendar.emission(stage[0], f, polarization, stage[1]))
+            value = [np.clip(own + course[stage][0], 0.0, 1.0) for own, stage in zip(value, stages, strict=True)]
+            mean_sd = [math.hypot(sd, course[stage][1]) for sd, stage in zip(mean_sd, stages, strict=True)]
+        closed = np.array([1.0 if day is None else self._closed(*stage) for stage in stages])
         spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in (*names, BARE_SOIL)])
         if self.world is not None:
             spread[:, 0] *= [self.world.field_factor(name) for name in (*names, BARE_SOIL)]
@@ -287,8 +289,8 @@ class EmissivityTable:
         return EmissivityLookup(
             categories=names,
             emissivity=np.array(value),
-            moist=np.array([found[name][0].shape[0] > 1 for name in names]),
-            heating=np.array([self._heating(name, min(canopy[name], 1.0)) for name in names]),
+            moist=np.array([found[stage][0].shape[0] > 1 for stage in stages]),
+            heating=np.array([self._heating(stage[0], min(canopy[stage], 1.0)) for stage in stages]),
             closed=closed,
             field_part=of_fields,
             date_part=of_dates,
@@ -302,10 +304,8 @@ class EmissivityTable:
             ),
         )
 
-    def _closed(self, name: str, day: float | None) -> float:
+    def _closed(self, name: str, day: float) -> float:
         """See `EmissivityLookup.closed`."""
-        if day is None:
-            return 1.0
         return 0.0 if name == BARE_SOIL else self.calendar.closed(name, day)
 
     def _heating(self, name: str, canopy: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -28,6 +28,7 @@ DATA: Final = Path(__file__).parent / "data"
 COVER: Final = "cover"
 """Field of a problem that lies with the name of a ground cover."""
 
+K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
 
 
@@ -124,14 +125,17 @@ def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str]
     return [Row(file, line, dict(zip(header, own, strict=True))) for line, own in rows]
 
 
-def for_each(categories: Iterable[str], find: Callable[[str], T], unknown: Sequence[Problem] = ()) -> dict[str, T]:
-    """What is found for each category, repeats once; ScatteringDataError with the problems of all, unknown ones too."""
-    found: dict[str, T] = {}
+def for_each(keys: Iterable[K], find: Callable[[K], T], unknown: Sequence[Problem] = ()) -> dict[K, T]:
+    """What is found for each category or the like, repeats once.
+
+    ScatteringDataError with the problems of all, those of ``unknown`` ones, which are not looked for, too.
+    """
+    found: dict[K, T] = {}
     problems = list(unknown)
     left = {problem.value for problem in unknown}
-    for category in (one for one in dict.fromkeys(categories) if one not in left):
+    for key in (one for one in dict.fromkeys(keys) if one not in left):
         try:
-            found[category] = find(category)
+            found[key] = find(key)
         except ScatteringDataError as error:
             problems += error.problems
     if problems:

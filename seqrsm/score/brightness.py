@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,14 +20,16 @@ import scipy
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
-from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, of_mixtures
+from seqrsm.scattering.curves import THETA_DEG
+from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable, of_mixtures
 from seqrsm.scene.scene import Scene
 from seqrsm.score.evidence import seen_pixels
+from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.frame import local_angle_deg, make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import air_over, lookups_of
 from seqrsm.simulate.radiometer.result import RadiometerImage
-from seqrsm.simulate.visits import region_spread
+from seqrsm.simulate.visits import YEAR_DAYS, region_spread
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +45,9 @@ class ExpectedGround:
     angle_deg : float64 array (n_samples, n_lines)
         Mean angle from the normal of the ground at which it is seen [deg].
     lookups : list of EmissivityLookup
-        The table's own means, one for each channel.
+        The table's own means, one for each channel; on a day, over all days by which years and fields may be late.
+    of_fields, of_years : float64 array (n_channels, n_channels, n_categories, n_moistures, 91)
+        Covariance of what channels reflect of fields, and of all fields of a cover, as they and their year are late.
     air : float64 array (3, n_samples)
         Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K].
     planck_k : float
@@ -57,6 +61,8 @@ class ExpectedGround:
     temperature_k: FloatArray
     angle_deg: FloatArray
     lookups: list[EmissivityLookup]
+    of_fields: FloatArray
+    of_years: FloatArray
     air: FloatArray
     planck_k: float
     footprints_a_piece: float
@@ -68,7 +74,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     ``pixel`` (rows, columns): footprint of each cell of the scene, -1 for none.
     """
     radiometer = image.radiometer
-    lookups = lookups_of(scene, radiometer, image.table.in_world(None), image.day)
+    lookups, of_fields, of_years = _expected_lookups(scene, radiometer, image.table.in_world(None), image.day)
     frame = make_radiometer_frame(scene, radiometer, "float32")
     nominal = nominal_radiometer_occasion(radiometer, lookups, scene)
     kelvin = np.rot90(surface_temperature_k(scene, frame, radiometer, lookups[0], nominal), -frame.quarter_turns)
@@ -94,7 +100,40 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     sizes = np.bincount(scene.field_id[known]).astype(np.float64)
     of_piece = min(float(np.square(sizes).sum() / max(sizes.sum(), 1.0)), (BLOCK_M / scene.cell_m) ** 2)
     of_piece = max(of_piece / of_footprint, 1.0)
-    return ExpectedGround(share, kelvin_of, spread[..., -2] / total, lookups, air, planck_k, of_piece)
+    angle = spread[..., -2] / total
+    return ExpectedGround(share, kelvin_of, angle, lookups, of_fields, of_years, air, planck_k, of_piece)
+
+
+_LATE_DAYS: Final[FloatArray] = np.linspace(-36.0, 36.0, 13)
+
+
+def _expected_lookups(
+    scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None
+) -> tuple[list[EmissivityLookup], FloatArray, FloatArray]:
+    """``lookups``, ``of_fields`` and ``of_years`` of `ExpectedGround`."""
+    names = scene.categories
+    if day is None:
+        lookups = lookups_of(names, radiometer, table, None)
+        none = np.zeros((len(lookups), len(lookups), *lookups[0].emissivity.shape))
+        return lookups, none, none
+    n = len(names)
+    late = lookups_of(names * len(_LATE_DAYS), radiometer, table, np.repeat(day - _LATE_DAYS, n))
+    reflected = np.array([(1.0 - look.emissivity).reshape(len(_LATE_DAYS), n, -1, THETA_DEG.size) for look in late])
+    apart = _LATE_DAYS - _LATE_DAYS[:, None]
+    of_field = np.exp(-0.5 * np.square(apart / np.maximum(table.calendar.shift_days(names), 0.1)[:, None, None]))
+    of_field /= of_field.sum(axis=2, keepdims=True)
+    of_year = np.exp(-0.25 * np.square(_LATE_DAYS / YEAR_DAYS))
+    of_year /= of_year.sum()
+    # c, d: channels; k: categories; y: years; s: fields; m: moistures; a: angles.
+    in_year = np.einsum("kys,cskma->cykma", of_field, reflected)
+    mean = np.einsum("y,cykma->ckma", of_year, in_year)
+    square = np.einsum("y,kys,cskma,dskma->cdkma", of_year, of_field, reflected, reflected, optimize=True)
+    of_years = np.einsum("y,cykma,dykma->cdkma", of_year, in_year, in_year)
+    lookups = [
+        replace(look, emissivity=1.0 - own)
+        for look, own in zip(lookups_of(names, radiometer, table, day), mean, strict=True)
+    ]
+    return lookups, square - of_years, of_years - mean[:, None] * mean
 
 
 GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
@@ -143,7 +182,8 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
     costs = _costs(image, ground, scipy.sparse.csc_array(np.ones((1, n_pixels)) / n_pixels), None, together)
     middle = float(posterior_mean(costs, GRID, centre, sd)[0])
     weights = _weights(held, block, n_pixels, n_blocks)
-    own = own_of_squares(scene, block, n_blocks, image.moist)
+    shows = ground.lookups[0].moist
+    own = own_of_squares(scene, block, n_blocks, shows)
     met = weights.T @ np.column_stack([own, np.ones(n_blocks)])
     of_footprint = (met[:, 0] / np.maximum(met[:, 1], 1e-9)).reshape(ground.temperature_k.shape)
     apart = _covariance(image, ground, slope, middle, of_footprint)
@@ -166,7 +206,7 @@ def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray,
         wetted = apart + np.einsum("sl,asl,bsl->slab", wet, slope, slope)
         off = mahalanobis(np.nan_to_num(away - level_k).reshape(*slope.shape, 1), wetted)
         scatter = float(off.ravel()[seen].mean()) / len(slope)
-    moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
+    moist = np.append(shows, False)[np.minimum(scene.cover, len(shows))]
     departs = np.sqrt(spread**2 + radiometer.soil_moisture_field_sd**2 * own)[:, None]
     found = posterior_mean(costs / max(scatter, 1.0), GRID, middle, departs)
     return found, np.where(scene.scored & moist & (pixel >= 0), block, -1)
@@ -276,6 +316,7 @@ def _covariance(
     wetness = np.square(radiometer.soil_moisture_field_sd) * apart
     together = 1.0 if common else ground.footprints_a_piece
     reflected = [1.0 - look.at_nodes([int(node)]) for look in ground.lookups]
+    late = ground.of_years if common else ground.of_fields
     out = np.empty((*ground.temperature_k.shape, len(slope_k), len(slope_k)))
     for a, one in enumerate(ground.lookups):
         for b, other in enumerate(ground.lookups[: a + 1]):
@@ -284,6 +325,7 @@ def _covariance(
             if common:
                 departure = departure + related * one.date_part * other.date_part + one.mean_part * other.mean_part
             departure = departure[:, None, None] * reflected[a] * reflected[b]
+            departure += late[a, b][:, [min(int(node), late.shape[3] - 1)]]
             spread = of_mixtures(departure, squares, ground.angle_deg)[..., 0]
             emitted = np.square(through * (ground.temperature_k - sky)) * spread + through**2 * heat
             # What footprints of one field have in common, their number does not lessen; a date's mean has one's weight.

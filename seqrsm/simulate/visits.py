@@ -45,7 +45,8 @@ _SLOW_SHARE, _SLOW_DAYS = 0.74, 30.0
 FAST_DAYS: Final = 4.5
 """In which the weather of a date falls to 1/e of itself [d]: what rain does to soil, and to plants (assumed)."""
 
-_YEAR_DAYS: Final = 7.0  # by which a year is early or late, in common and for each cover, standard deviation
+YEAR_DAYS: Final = 7.0
+"""By which a year is early or late, in common and for each cover, standard deviation [d]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +197,7 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
 def year_shift_days(n_categories: int, *, seed: int, run_id: int) -> FloatArray:
     """Days by which each category is early (negative) or late in the year of a run, (n_categories,)."""
     common, *own = generator(seed, run_id, "calendar of the year").standard_normal(1 + n_categories)
-    return np.asarray(_YEAR_DAYS * (common + np.array(own)))
+    return np.asarray(YEAR_DAYS * (common + np.array(own)))
 
 
 def field_shift_days(shift_days: FloatArray, *, seed: int, run_id: int) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from shorthands import percent_correct, still_radiometer
 
 from seqrsm.scattering.atmosphere import Atmosphere
+from seqrsm.scattering.calendar import SHIPPED
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -23,6 +24,8 @@ class Table:
 
     level: tuple
     field_sd: float = 0.0
+
+    calendar = SHIPPED
 
     def lookup(self, categories, frequency_ghz, polarization, *, day=None):  # noqa: ARG002
         theta = np.arange(91.0)

@@ -17,6 +17,7 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 import prm_cases
+from shorthands import met_on_time
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
@@ -29,7 +30,6 @@ from seqrsm.scattering.worlds import World, course_deviation, related_by_frequen
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, look_up
-from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion
 from seqrsm.simulate.visits import (
     Visit,
     deviates,
@@ -699,10 +699,7 @@ def test_weather_does_not_tell_bare_fields_by_their_emission():
     ground = prm_cases.scene(np.zeros((4, 4)), 10.0, np.zeros((4, 4)), np.zeros((4, 4)), covers)
     for day, apart in ((15.0, 0.0), (190.0, 1.0)):
         looked = [table.lookup(covers, 10.7, channel, day=day) for channel in "HV"]
-        drawn = [
-            draw_radiometer_occasion(sensor, looked, ground, Visit((day,)), seed=8, run_id=k).class_offset
-            for k in range(400)
-        ]
+        drawn = [met_on_time(sensor, looked, ground, Visit((day,)), seed=8, run_id=k).class_offset for k in range(400)]
         offset = np.array(drawn) / looked[0].date_part  # (runs, channels, covers)
         np.testing.assert_allclose(offset.std(axis=0), 1.0, atol=0.1)
         for one, other in ((0, 1), (1, 2)):

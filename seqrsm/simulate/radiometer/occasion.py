@@ -5,30 +5,87 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
+from seqrsm.scattering.calendar import Calendar
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scattering.worlds import over_soil
 from seqrsm.scene.layers import categories_of_fields
-from seqrsm.scene.scene import Scene
+from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.simulate.visits import (
     FAST_DAYS,
     Visit,
     field_moisture,
+    field_shift_days,
     half_lasting,
     kept_deviates,
     known_moisture,
     moisture_share,
     over_dates,
+    year_shift_days,
 )
 
 MOISTURE_LIMITS: Final = (float(MOISTURE_NODES[0]), float(MOISTURE_NODES[-1]))
 """Moistures that the table of emissivity knows [m3/m3]."""
+
+
+_STAGE_DAYS: Final = 5.0  # to which early and late fields are rounded; twice as many, and so on, where stages get many
+
+
+class Stages(NamedTuple):
+    """Categories as they stand on a date: a scene's own by the calendar, then again as early and late fields have them.
+
+    Attributes
+    ----------
+    categories : tuple of str
+        Names (n_stages).
+    day : float64 array (n_stages,) or None
+        Day of the year on which they are so by the calendar.
+    parent : int array (n_stages,)
+        Category of the scene.
+    of_field : uint8 array (n_fields,)
+        Stage of each field, 255 for none.
+    """
+
+    categories: tuple[str, ...]
+    day: FloatArray | None
+    parent: IntArray
+    of_field: AnyArray
+
+    def of_cells(self, cover: AnyArray, field: AnyArray) -> AnyArray:
+        """Stage of cells, uint8, from their cover and field; that of its cover where it is not the field's."""
+        parent = np.append(self.parent, NO_COVER)[np.minimum(self.of_field, len(self.parent))]
+        return cover if self.day is None else np.where(parent[field] == cover, self.of_field[field], cover)
+
+
+def stages_of(scene: Scene, calendar: Calendar, visit: Visit, *, seed: int, run_id: int) -> Stages:
+    """In which stage of its calendar each field is met on a visit, for its year and itself being early or late."""
+    categories, of_field = scene.categories, categories_of_fields(scene)
+    parent = np.arange(len(categories))
+    if visit.day is None:
+        return Stages(categories, None, parent, of_field)
+    key = {"seed": seed, "run_id": run_id}
+    known = of_field < len(categories)
+    category = np.where(known, of_field, 0).astype(np.int64)
+    of_year = year_shift_days(len(categories), **key)
+    late = of_year[category] + field_shift_days(calendar.shift_days(categories)[category], **key)
+    moves = known & np.array([calendar.emission_changes(name) for name in categories])[category]
+    step, room = _STAGE_DAYS, NO_COVER - len(categories)
+    while True:
+        met, own = np.unique(np.stack([category, np.round(late / step)])[:, moves], axis=1, return_inverse=True)
+        if met.shape[1] <= room:
+            break
+        step *= 2.0
+    of_field = of_field.copy()
+    of_field[moves] = len(categories) + own.ravel()
+    parent = np.append(parent, met[0].astype(np.int64))
+    day = visit.day - np.append(np.zeros(len(categories)), step * met[1])
+    return Stages(tuple(categories[k] for k in parent), day, parent, of_field)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +98,10 @@ class RadiometerOccasion:
         Mean volumetric soil moisture of the date [m3/m3].
     field_moisture : float64 array (n_fields,)
         Soil moisture of each field [m3/m3].
-    class_offset : float64 array (n_channels, n_categories)
-        Part by which each category reflects less on this date than by the table [1].
+    class_offset : float64 array (n_channels, n_stages)
+        Part by which each category, and stage of one, reflects less on this date than by the table [1].
     field_offset : float64 array (n_channels, n_fields)
-        Part by which each field reflects less than its category [1].
+        Part by which each field reflects less than its stage [1].
     temperature_offset_k : float
         Departure of the date's ground temperature [K].
     field_temperature_k : float64 array (n_fields,)
@@ -64,7 +121,7 @@ class RadiometerOccasion:
             "soil_moisture": round(self.soil_moisture, 5),
             "field_moisture_sd": round(float(self.field_moisture.std()), 5),
             "class_offset": {
-                channel: {name: round(float(x), 5) for name, x in zip(categories, row, strict=True)}
+                channel: {name: round(float(x), 5) for name, x in zip(categories, row, strict=False)}
                 for channel, row in zip(channels, self.class_offset, strict=True)
             },
             "field_offset_sd": [round(float(row.std()), 5) for row in self.field_offset],
@@ -76,21 +133,22 @@ class RadiometerOccasion:
 def draw_radiometer_occasion(
     radiometer: RadiometerConfiguration,
     lookups: Sequence[EmissivityLookup],
+    stages: Stages,
     scene: Scene,
     visit: Visit,
     *,
     seed: int,
     run_id: int,
 ) -> RadiometerOccasion:
-    """Draw the ground's state of one visit, of campaign and run; there is a lookup for each channel.
+    """Draw the ground's state of one visit, of campaign and run; there is a lookup of all stages for each channel.
 
     Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
     gives as their correlation, and a channel's draw does not depend on which others are received. What covers depart by
     on a date fades with its weather; where crops leave soil bare it is the soil's. Moistures stay between the table's
     ends.
     """
-    field_category = categories_of_fields(scene)
-    n_categories, n_fields = len(lookups[0].categories), len(field_category)
+    n_stages, n_fields = len(stages.parent), len(stages.of_field)
+    n_categories = len(scene.categories)
     key = {"seed": seed, "run_id": run_id}
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     mean = float(low + moisture_share(visit, **key) * (high - low))
@@ -105,18 +163,18 @@ def draw_radiometer_occasion(
     by_name = partial(kept_deviates, seed, run_id, shape=(parts, n_categories), frequency_ghz=f)
     dates = over_dates(visit, "date emissivity", by_name, FAST_DAYS)
     soil = over_dates(visit, "date bare soil", partial(by_name, shape=(parts, 1)), FAST_DAYS)
-    dates = over_soil(dates, soil, lookups[0].closed)
+    dates = over_soil(dates[:, stages.parent], soil, lookups[0].closed)
     plots = half_lasting(visit, "field emissivity", (parts, n_fields), f, **key)
-    known = field_category < n_categories
-    category = np.where(known, field_category, 0).astype(np.int64)
-    class_offset = np.empty((len(lookups), n_categories))
+    known = stages.of_field < n_stages
+    stage = np.where(known, stages.of_field, 0).astype(np.int64)
+    class_offset = np.empty((len(lookups), n_stages))
     field_offset = np.empty((len(lookups), n_fields))
     for c, (channel, lookup) in enumerate(zip(radiometer.channels, lookups, strict=True)):
         own = 1 + CHANNELS.index(channel)
         shared, apart = np.sqrt(lookup.channel_correlation), np.sqrt(1.0 - lookup.channel_correlation)
         class_offset[c] = lookup.date_part * (shared * dates[0] + apart * dates[own])
-        deviate = shared[category] * plots[0] + apart[category] * plots[own]
-        field_offset[c] = np.where(known, lookup.field_part[category] * deviate, 0.0)
+        deviate = shared[stage] * plots[0] + apart[stage] * plots[own]
+        field_offset[c] = np.where(known, lookup.field_part[stage] * deviate, 0.0)
     spread = radiometer.temperature_field_sd_k * temperature
     return RadiometerOccasion(mean, moisture, class_offset, field_offset, warm, spread)
 

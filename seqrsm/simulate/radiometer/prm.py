@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.rng import stream_key
@@ -32,7 +33,7 @@ from seqrsm.simulate.radiometer.frame import (
     surface_temperature_k,
     temperature_layer,
 )
-from seqrsm.simulate.radiometer.occasion import RadiometerOccasion, draw_radiometer_occasion
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion, draw_radiometer_occasion, stages_of
 from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.simulate.visits import ONCE, Visit
 
@@ -81,8 +82,10 @@ def simulate_radiometer(
     frame = make_radiometer_frame(scene, radiometer, precision)
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
-    lookups = lookups_of(scene, radiometer, table, visit.day)
-    occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
+    stages = stages_of(scene, table.calendar, visit, seed=seed, run_id=run_id)
+    lookups = lookups_of(stages.categories, radiometer, table, stages.day)
+    occasion = draw_radiometer_occasion(radiometer, lookups, stages, scene, visit, seed=seed, run_id=run_id)
+    frame = replace(frame, cover=stages.of_cells(frame.cover, frame.field))
     planck_k = radiometer.planck_used_k
     air = air_over(radiometer, planck_k)
     met = Meeting(frame, scan, lookups, occasion, air, planck_k, table, visit.day)
@@ -118,12 +121,10 @@ class Meeting:
 
 
 def lookups_of(
-    scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None
+    categories: Sequence[str], radiometer: RadiometerConfiguration, table: EmissivityTable, day: ArrayLike | None
 ) -> list[EmissivityLookup]:
-    """Emissivities of a scene's covers on a day of the year, one table for each channel."""
-    return [
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, day=day) for channel in radiometer.channels
-    ]
+    """Emissivities of covers on a day of the year, one table for each channel."""
+    return [table.lookup(categories, radiometer.frequency_ghz, channel, day=day) for channel in radiometer.channels]
 
 
 def air_over(radiometer: RadiometerConfiguration, planck_k: float) -> Atmosphere:
@@ -148,7 +149,7 @@ def check_radiometer(
     _, mean, _ = known_heights(scene)
     if radiometer.temperature == "layer":
         temperature_layer(scene)
-    lookups_of(scene, radiometer, table, day)
+    lookups_of(scene.categories, radiometer, table, day)
     rows, columns = scene.shape if radiometer.quarter_turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
 
@@ -319,7 +320,6 @@ def scan_image(
         blocked=np.ascontiguousarray(np.rot90((state & kernels_prm.BLOCKED) != 0, back)),
         radiometer=radiometer,
         occasion=met.occasion,
-        moist=met.lookups[0].moist,
         table=met.table,
         day=met.day,
         quarter_turns=frame.quarter_turns,

@@ -34,8 +34,6 @@ class RadiometerImage:
         Cells hidden from the antenna.
     radiometer : RadiometerConfiguration
     occasion : RadiometerOccasion
-    moist : bool array (n_categories,)
-        Categories whose emissivity depends on soil moisture.
     table : EmissivityTable
         That the ground was looked up in.
     day : float or None
@@ -55,7 +53,6 @@ class RadiometerImage:
     blocked: BoolArray
     radiometer: RadiometerConfiguration
     occasion: RadiometerOccasion
-    moist: BoolArray
     table: EmissivityTable
     day: float | None
     quarter_turns: int
