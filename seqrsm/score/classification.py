@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -125,20 +125,20 @@ def taught(evidence: Evidence) -> Taught:
         centre[tested], scale[tested, :, c:] = first, np.linalg.inv(roots) @ turn
         constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         constant[tested, cells == 0.0] = -np.inf
-    found = Taught(seen, half, (centre, scale, constant))
-    return found if evidence.label is None else _trusting(evidence, found)
+    return Taught(seen, half, (centre, scale, constant))
 
 
-def _trusting(evidence: Evidence, by: Taught) -> Taught:
-    """With labels trusted in one half as far as names most of the other rightly.
+def trusting(evidence: Evidence, by: Taught, worth: Callable[[IntArray], float]) -> Taught:
+    """With labels trusted in one half as far as serves best in the other, by the ``worth`` of its confusion matrix.
 
     A Gaussian law of pixels is too sure of itself: without this, images would take from a map that is better than they.
     """
-    right = np.zeros((len(TRUSTS), 2))
-    for row, trust in zip(right, TRUSTS, strict=True):
-        correct = np.trace(named(evidence, replace(by, trust=(trust, trust))), axis1=1, axis2=2)
-        row[:] = np.bincount(1 - by.half[by.seen], correct, 2)
-    first, second = (TRUSTS[k] for k in right.argmax(axis=0))
+    half = by.half[by.seen]
+    found = []
+    for trust in TRUSTS:
+        by_tile = named(evidence, replace(by, trust=(trust, trust)))
+        found.append([worth(by_tile[half != tested].sum(axis=0)) for tested in (0, 1)])
+    first, second = (TRUSTS[k] for k in np.array(found).argmax(axis=0))
     return replace(by, trust=(first, second))
 
 
@@ -163,26 +163,29 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
     return confusion[by.seen]
 
 
-def knowing_areas(evidence: Evidence, by: Taught) -> Taught:
-    """The same laws with the ground that each class has in the half that taught them as its prior.
+def knowing_areas(by: Taught, areas: IntArray) -> Taught:
+    """The same laws with the ground of each class as its prior.
 
-    By equal priors noise maps as much of a rare class as of any: the weaker the signal, the better its area might be.
+    ``areas``: cells (n_classes,), or by the half that is tested (2, n_classes).
     """
-    held = by.half[evidence.tile]
-    areas = np.stack([evidence.counts[held != tested].sum(axis=0) for tested in (0, 1)])
     centre, scale, constant = by.laws
     return replace(by, laws=(centre, scale, constant + np.log(np.maximum(areas, 0.5))))
 
 
-def by_map_alone(evidence: Evidence, areas: IntArray | None = None) -> Taught:
-    """Laws under which what images show tells nothing, so that the map that is there already names the ground.
+def areas_taught(evidence: Evidence, by: Taught) -> IntArray:
+    """Cells (2, n_classes) of the half that teaches each half's laws.
 
-    ``areas``: cells (n_classes,) of each class, where a label is to name the likeliest by them; else all are as likely.
+    By equal priors noise maps as much of a rare class as of any: the weaker the signal, the better its area might be.
     """
+    held = by.half[evidence.tile]
+    return np.stack([evidence.counts[held != tested].sum(axis=0) for tested in (0, 1)])
+
+
+def by_map_alone(evidence: Evidence) -> Taught:
+    """Laws under which what images show tells nothing, so that the map that is there already names the ground."""
     seen, half = _halves_of(evidence)
     (d, _), (_, n) = evidence.features.shape, evidence.counts.shape
-    prior = np.zeros((2, n)) if areas is None else np.tile(np.log(np.maximum(areas, 0.5)), (2, 1))
-    return Taught(seen, half, (np.zeros((2, n, d)), np.zeros((2, n, d, d)), prior))
+    return Taught(seen, half, (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n))))
 
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:

@@ -14,7 +14,17 @@ import numpy as np
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.errors import SceneError
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import Taught, UtilityScore, by_map_alone, cluster_ratio, knowing_areas, named, taught
+from seqrsm.score.classification import (
+    Taught,
+    UtilityScore,
+    areas_taught,
+    by_map_alone,
+    cluster_ratio,
+    knowing_areas,
+    named,
+    taught,
+    trusting,
+)
 from seqrsm.score.evidence import Evidence, Image, evidence_of
 from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import Asked
@@ -22,6 +32,7 @@ from seqrsm.score.utilities import Asked
 FALSE_ALARMS: Final = 0.05
 """Share of other ground that may be taken for the cover sought."""
 
+_BY_CELLS: Final = ("percent_correct", "kappa", "f1")  # a map's score alone knows how common covers are
 _GROUPS: Final = 400  # of tiles, for a jackknife
 
 
@@ -66,10 +77,15 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         remedy = f"The scene has {', '.join(categories)}."
         raise SceneError("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown))
     covers = [categories.index(name) for name in asked.covers]
+    sought, mapped = asked.name == "detection", evidence.label is not None
     laws = taught(evidence)
     if asked.name == "area_error":
-        laws = knowing_areas(evidence, laws)
-    sought = asked.name == "detection"
+        laws = knowing_areas(laws, areas_taught(evidence, laws))
+    elif mapped and asked.name in _BY_CELLS:
+        laws = knowing_areas(laws, evidence.counts.sum(axis=0))
+    if mapped:
+        sign, name = -1.0 if asked.row.is_error else 1.0, "percent_correct" if sought else asked.name
+        laws = trusting(evidence, laws, lambda found: sign * float(measure(found, name, covers)))
     by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
@@ -92,8 +108,9 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         "per_class_percent": {categories[k]: 100.0 * float(total[k, k]) / float(n) for k, n in enumerate(true) if n},
     }
     guess, perfect = ends_of(true, asked.name, covers)
-    if evidence.label is not None:
-        for by in (by_map_alone(evidence), by_map_alone(evidence, true)):
+    if mapped:
+        blind = by_map_alone(evidence)
+        for by in (blind, knowing_areas(blind, true)):
             alone: AnyArray = _at_false_alarms(evidence, by, covers) if sought else named(evidence, by)
             by_map = float(measure(alone.sum(axis=0), asked.name, covers))
             guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from test_cover_measures import IMAGE, KEY, SCENE, image
 
 from seqrsm.errors import UserError
-from seqrsm.score.classification import TRUSTS, by_map_alone, named, taught
+from seqrsm.score.classification import TRUSTS, by_map_alone, named, taught, trusting
 from seqrsm.score.cover import FALSE_ALARMS, score_cover, score_evidence
 from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.score.known_map import KnownMap, load_known_map, parts_by_label
@@ -164,9 +164,38 @@ def test_labels_are_trusted_in_one_half_as_far_as_the_other_shows() -> None:
     evidence = Evidence(features, counts, tile, keys, 0, counts)
     right = taught(evidence).half[tile] == 0
     label = np.where(right, truth, rng.integers(0, 2, n))
-    told = taught(replace(evidence, label=label, log_share=of([[0.9, 0.1], [0.1, 0.9]]).log_share)).trust
+    labelled = replace(evidence, label=label, log_share=of([[0.9, 0.1], [0.1, 0.9]]).log_share)
+    told = trusting(labelled, taught(labelled), lambda found: float(np.trace(found))).trust
     assert told[0] == 1.0
     assert told[1] == max(TRUSTS)
+
+
+@pytest.mark.parametrize("cloud", [0.0, 0.4, 0.8])
+def test_images_that_tell_nothing_take_nothing_from_a_map_under_cloud(cloud: float) -> None:
+    """The best that can be named: a label where there is one, the commonest cover under cloud."""
+    rng, n, share = np.random.default_rng(6), 60_000, np.array([0.6, 0.3, 0.1])
+    truth, tile, keys = rng.choice(3, n, p=share), np.arange(n) // 50, rng.random(n // 50)
+    right = 0.85
+    table = np.full((3, 4), 0.5 * (1.0 - right) * (1.0 - cloud))
+    table[range(3), range(3)], table[:, 3] = right * (1.0 - cloud), cloud
+    label = (rng.random(n)[:, None] >= np.cumsum(table, axis=1)[truth]).sum(axis=1)
+    counts = np.eye(3, dtype=np.int64)[truth]
+    evidence = Evidence(
+        rng.standard_normal((2, n)), counts, tile, keys, 0, counts, label=label, log_share=of(table.tolist()).log_share
+    )
+    joint = share[:, None] * table
+    best = joint.max(axis=0)
+    found = score_evidence(evidence, tuple("abc"), Asked("percent_correct"))
+    assert found.value == pytest.approx(100.0 * best.sum(), abs=0.6)
+    assert found.value == pytest.approx(found.guess, abs=0.2)
+    chance = joint.sum(axis=1) @ np.array([joint[:, joint.argmax(axis=0) == k].sum() for k in range(3)])
+    found = score_evidence(evidence, tuple("abc"), Asked("kappa"))
+    assert found.value == pytest.approx((best.sum() - chance) / (1.0 - chance), abs=0.01)
+    wanted = abs(joint[:, joint.argmax(axis=0) == 1].sum() - share[1]) / share[1]
+    found = score_evidence(evidence, tuple("abc"), Asked("area_error", ("b",)))
+    assert found.value == pytest.approx(100.0 * wanted, abs=3.0)
+    by_class = score_evidence(evidence, tuple("abc"), Asked("class_mean_correct"))
+    assert by_class.value == pytest.approx(100.0 * (right * (1.0 - cloud) + cloud / 3.0), abs=1.0)
 
 
 def test_the_map_alone_knows_how_much_of_the_ground_each_cover_has_as_a_guess_does() -> None:
@@ -183,13 +212,16 @@ def test_the_map_alone_knows_how_much_of_the_ground_each_cover_has_as_a_guess_do
 
 
 def test_a_perfect_map_leaves_nothing_to_name_and_clouds_add_nothing() -> None:
-    perfect = of(np.eye(4).tolist())
+    perfect, names = of(np.eye(4).tolist()), ("percent_correct", "class_mean_correct")
     for by in ("pixel", "field"):
         asked = asked_for(f"percent_correct by {by}")
-        plain = score_cover([IMAGE], SCENE, asked, **KEY)
-        clouds = score_cover([IMAGE], SCENE, asked, known=of([[0.5, 0.5]] * 4), **KEY)
-        assert clouds.value == plain.value
-        assert clouds.guess == plain.guess
+        plain, *equal = (score_cover([IMAGE], SCENE, asked_for(f"{name} by {by}"), **KEY) for name in names)
+        clouds, *same = (
+            score_cover([IMAGE], SCENE, asked_for(f"{name} by {by}"), known=of([[0.5, 0.5]] * 4), **KEY)
+            for name in names
+        )
+        assert clouds.value == pytest.approx(plain.value, abs=plain.se)  # the areas are known, and nearly alike
+        assert (clouds.guess, same[0].value, same[0].guess) == (plain.guess, equal[0].value, equal[0].guess)
         whole = score_cover([IMAGE], SCENE, asked, known=perfect, **KEY)
         assert whole.value > 95.0 if by == "pixel" else whole.value == 100.0
         both = score_cover([IMAGE], SCENE, asked, known=BLURRED, **KEY)
