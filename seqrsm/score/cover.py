@@ -87,8 +87,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         sign, name = -1.0 if asked.row.is_error else 1.0, "percent_correct" if sought else asked.name
         laws = trusting(evidence, laws, lambda found: sign * float(measure(found, name, covers)))
     by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
-    total = by_tile.sum(axis=0)
-    true = total.sum(axis=1)
+    total, true = by_tile.sum(axis=0), evidence.counts.sum(axis=0)  # names drawn by lot leave no whole numbers
     if np.count_nonzero(true) == 1:
         text = f"all scored ground in the image is {categories[int(true.argmax())]}: there is nothing to tell apart"
         raise SceneError(text, "Let the swath or the mask of scored cells hold more ground.", field="utility")

@@ -458,6 +458,19 @@ def test_ground_that_one_half_alone_holds_is_found_there_by_lot() -> None:
     assert lot.confusion[0, 1] / lot.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
 
 
+def test_whole_cells_are_counted_where_names_are_drawn_by_lot() -> None:
+    """All tiles alike: of the cover 5 of 14 units look bright, of other ground 7 of some 50: more than may be taken."""
+    for dull in range(30, 60):
+        kind, tile = np.tile(np.repeat(np.arange(4), [dull, 7, 9, 5]), 10), np.repeat(np.arange(10), dull + 21)
+        truth, bright = np.divmod(kind, 2)
+        counts = np.eye(2, dtype=int)[truth]
+        evidence = Evidence(bright[None] + 0.0, counts, tile, np.arange(10) / 10.0, 0, counts)
+        found = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
+        assert found.value == pytest.approx(100.0 * FALSE_ALARMS * (5.0 / 14.0) / (7.0 / (dull + 7.0)))
+        assert found.confusion[0, 1] / found.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
+        assert found.n_cells == truth.size
+
+
 def test_words_choose_cover_and_unit() -> None:
     whole = score_cover([IMAGE], SCENE, asked_for("f1 of Wheat by field"), **KEY)
     assert 0.0 < whole.value <= 100.0
