@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.longtable import Node, in_order, read_nodes, refuse, stated, weights_of_nodes
 from seqrsm.scattering.readers import COVER, Row, shipped_rows
@@ -118,7 +118,7 @@ class Course:
     lasting_share: FloatArray
     memory_days: FloatArray
     shift_days: FloatArray
-    even: FloatArray
+    even: BoolArray
 
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""
@@ -199,16 +199,15 @@ class Calendar:
         categories without a calendar, or without rows in the user's.
         """
         rows, cross = self._fields(categories), int(channel == "HV")
-        years = np.empty((5, len(rows), DAYS.size))
+        years, bare_sd = np.empty((5, len(rows), DAYS.size)), _sd_db("soil", frequency_ghz, cross)
         for k, (name, row) in enumerate(zip(categories, rows, strict=True)):
-            days, late, sd = level_days(frequency_ghz), self.late_days, 0.0
-            closed = self._closed(name)
-            change, tilt, soil_share = 0.0 * DAYS, 0.0 * DAYS, 1.0 - closed
+            days, late, closed = level_days(frequency_ghz), self.late_days, self._closed(name)
+            change, tilt, sd, soil_share = 0.0 * DAYS, 0.0 * DAYS, 0.0 * DAYS, 1.0 - closed
             if name in self.own:
-                change, sd = self._of_own(name, frequency_ghz, channel)
-                days, late = _EVEN_DAYS, 0
+                change, of_course = self._of_own(name, frequency_ghz, channel)
+                days, late, sd = _EVEN_DAYS, 0, sd + of_course
             elif row.group != "even":
-                sd = _sd_db(row.group, frequency_ghz, cross)
+                sd = closed * _sd_db(row.group, frequency_ghz, cross) + (1.0 - closed) * bare_sd
                 if row.group != "soil":
                     change, soil_share = _course_db(name, row, frequency_ghz, channel, soil_db - level_db[k])
                     tilt = -_TILT_DB_PER_DEG * (closed[_FLIGHTS].mean() - closed)
@@ -408,7 +407,7 @@ def _c_band_db(category: str, channel: str) -> FloatArray:
 
 
 def _sd_db(group: str, frequency_ghz: float, cross: int) -> float:
-    """Standard deviation of a cover's course about that of a given ground [dB].
+    """Standard deviation of a closed cover's course about that of a given ground, or of bare soil's [dB].
 
     What sites differ by in C band. Assumed: the same in L band (water clouds leave 1.6 to 3.3 dB of SMAPVEX12's fields,
     but fields of one crop and day differ by as much); 2.5 dB in X band and above.

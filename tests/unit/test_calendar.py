@@ -133,23 +133,25 @@ def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
 def test_worlds_differ_in_the_course_as_its_error_says():
     draws = np.array([at(150, "VV", table=TABLE.in_world(World(5, k))).course.change_db[:, 149] for k in range(400)])
     own = at(150, "VV").course
-    sd = 1.0 + (np.array([name in ("Wheat", "Oats") for name in CROPS]))  # of sites in C band, root mean square
-    np.testing.assert_allclose(draws.std(axis=0), sd * course_deviation(level_days(5.4))[149], rtol=0.2)
-    np.testing.assert_allclose(np.sqrt((own.sd_db**2).mean(axis=1)), sd)
+    # Of sites in C band, 1 dB and of cereals 2, root mean square; what lies bare departs as one soil.
+    sd = 1.0 + np.array([name in ("Wheat", "Oats") for name in CROPS])[:, None] * own.closed
+    np.testing.assert_allclose(draws.std(axis=0), sd[:, 149] * course_deviation(level_days(5.4))[149], rtol=0.2)
+    np.testing.assert_allclose(own.sd_db, sd * course_deviation(level_days(5.4)))
+    assert np.sqrt((course_deviation(level_days(5.4)) ** 2).mean()) == pytest.approx(1.0)
     np.testing.assert_allclose(draws.mean(axis=0), own.change_db[:, 149], atol=0.45)
 
 
 @pytest.mark.parametrize("frequency", [1.25, 2.6, 5.4, 9.6])
 @pytest.mark.parametrize("channel", ["HH", "HV"])
 def test_bare_fields_depart_by_the_error_of_one_soil(channel, frequency):
-    """In January no world tells bare ground, maize and vegetables from each other; in July most do."""
+    """In January no world tells bare ground, maize, oats and vegetables from each other; in July most do."""
     covers = (*CROPS, "Bareground")
     worlds = [TABLE.in_world(World(5, k)) for k in range(300)]
     for day, apart in ((15, False), (190, True)):
         draws = np.array([10.0 * np.log10(at(day, channel, frequency, covers, world).sigma0) for world in worlds])
         told = at(day, channel, frequency, covers)
         np.testing.assert_allclose(draws[:, :, 40].std(axis=0), told.mean_sd_db, rtol=0.35)
-        maize, *others = (draws[:, covers.index(name)] for name in ("Corn", "Vegetables", "Bareground"))
+        maize, *others = (draws[:, covers.index(name)] for name in ("Corn", "Oats", "Vegetables", "Bareground"))
         for other in others:
             between = (maize - other).std(axis=0)[[20, 40, 60]]
             if apart:
