@@ -9,7 +9,7 @@ from pathlib import Path
 
 from seqrsm.errors import UserError
 
-MAX_BYTES = 50_000_000
+_MAX_BYTES = 50_000_000
 
 _DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
 
@@ -17,7 +17,7 @@ _DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
 def read_cells(
     path: str | Path, what: str, error: type[UserError], field: str | None = None
 ) -> list[tuple[int, list[str]]]:
-    """Line number and cells of each line of a CSV file that is neither empty nor a comment, which begins with #.
+    """Line number and cells of each line of a CSV file that holds text and is no comment, which begins with #.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def read_cells(
     """
     file = str(path)
     try:
-        if Path(path).stat().st_size > MAX_BYTES:
-            raise error(f"{what} is larger than {MAX_BYTES / 1e6:.0f} MB", "Cut it", file=file, field=field)
+        if Path(path).stat().st_size > _MAX_BYTES:
+            raise error(f"{what} is larger than {_MAX_BYTES / 1e6:.0f} MB", "Cut it", file=file, field=field)
         text = Path(path).read_text(encoding="utf-8-sig")
     except OSError as fault:
         raise error(f"cannot read {what}: {fault.strerror}", file=file, field=field) from fault
@@ -50,4 +50,5 @@ def _cells(text: str, file: str, error: type[UserError]) -> Iterator[tuple[int, 
                 cells = [cell.strip() for cell in next(csv.reader([line], strict=True, delimiter=delimiter))]
             except csv.Error as fault:
                 raise error(f"not a CSV line: {fault}", file=file, line=number) from fault
-            yield number, cells if delimiter == "," else [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
+            if any(cells):
+                yield number, cells if delimiter == "," else [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]

@@ -225,9 +225,9 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     notes: dict[str, str] = {}
     codes: dict[int, int] = {}
     problems = []
-    (_, header), *lines = read_cells(path, "the legend", SceneError) or [(1, [])]
+    (first, header), *lines = read_cells(path, "the legend", SceneError) or [(1, [])]
     if not {"code", "category"} <= set(header):
-        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file)
+        raise SceneError("the legend lacks a column", "Columns: code, category, note", file=file, line=first)
     for line, cells in lines:
         row = dict.fromkeys(header, "") | dict(zip(header, cells, strict=False))
         category = row["category"]

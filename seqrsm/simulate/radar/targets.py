@@ -109,8 +109,6 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
     for number, words in lines:
-        if not any(words):
-            continue
         try:
             if len(words) > len(header):
                 raise ValueError
