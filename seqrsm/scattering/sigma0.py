@@ -230,10 +230,12 @@ class Sigma0Table:
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
         closed = np.array([found[name].closed for name in names])
-        hidden, through = closed, None
+        # Part that spreads as the table has it: of bare soil all, but on a day none, when all that is bare is one soil.
+        own_spread, through = closed, None
         if not usual:
             value, sd, closed, through = self._over_soil(names, found, channel, state, season, day)
-        hidden = hidden if day is None else closed
+        if through:
+            own_spread = closed
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
@@ -244,8 +246,8 @@ class Sigma0Table:
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(value),
-            field_sd_db=hidden * field_sd + (1.0 - hidden) * bare_fields_db(channel, self.world),
-            date_sd_db=hidden * [spread[name].date_sd_db for name in names] + (1.0 - hidden) * soil_sd,
+            field_sd_db=own_spread * field_sd + (1.0 - own_spread) * bare_fields_db(channel, self.world),
+            date_sd_db=own_spread * [spread[name].date_sd_db for name in names] + (1.0 - own_spread) * soil_sd,
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
@@ -278,8 +280,8 @@ class Sigma0Table:
         closed, and of bare soil.
         """
         of_soil = self.curves.get((BARE_SOIL, season)) or _shipped_table().curves[BARE_SOIL, season]
-        usual = state._replace(soil_moisture=of_soil.reference_moisture)
-        wet, soil = (_evaluate(of_soil, channel, one, None) for one in (state, usual))
+        at_reference = state._replace(soil_moisture=of_soil.reference_moisture)
+        met, soil = (_evaluate(of_soil, channel, one, None) for one in (state, at_reference))
         kin = {name: item.kin for name, item in found.items()} | {BARE_SOIL: soil.kin}
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         closed = np.array([0.0 if name == BARE_SOIL else found[name].closed for name in names])
@@ -293,7 +295,7 @@ class Sigma0Table:
             closed, of_course = on_day(through.closed, day), on_day(through.sd_db, day)
             bare = on_day(through.soil_share, day)[:, None]
         felt = bare * ~np.array([found[name].soil for name in names])[:, None]  # bare soil has it in its values
-        value = value + linear_to_db(1.0 + felt * (db_to_linear(wet.value_db - soil.value_db) - 1.0))
+        value = value + linear_to_db(1.0 + felt * (db_to_linear(met.value_db - soil.value_db) - 1.0))
         sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
         if self.world is not None:
             departed = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)

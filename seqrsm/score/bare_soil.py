@@ -34,7 +34,7 @@ GRID: Final[FloatArray] = np.linspace(0.04, 0.52, 13)
 
 FINE: Final[FloatArray] = np.linspace(GRID[0], GRID[-1], 97)
 _DB: Final = 10.0 / math.log(10.0)
-_SEEN_DB: Final = 2.5  # of a cover whose backscatter changes by less, less than half of the echo is bare soil's
+_SEEN_DB: Final = 2.5  # by which a cover's backscatter changes if half of its echo is bare soil's: 1.9 to 2.7 dB
 
 
 def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_id: int) -> tuple[FloatArray, AnyArray]:
