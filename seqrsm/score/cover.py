@@ -191,20 +191,22 @@ def _jackknife(by_tile: AnyArray, name: str, covers: Sequence[int]) -> float:
 def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> FloatArray:
     """As `named`, when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them.
 
-    Of units that are alike, as by the label of a map, and in a half that was not taught the covers, as many as may be
-    are drawn by lot: a straight part of the receiver operating characteristic (Fawcett 2006, Pattern Recognition
-    Letters 27(8)).
+    Of units that are alike, as by the label of a map, and in a half that was not taught the covers, or nothing else, as
+    many as may be are drawn by lot: a straight part of the receiver operating characteristic (Fawcett 2006, Pattern
+    Recognition Letters 27(8)).
     """
-    if not np.delete(evidence.counts.sum(axis=0), covers).any():
+    others = np.delete(np.arange(evidence.counts.shape[1]), covers)
+    if not evidence.counts[:, others].any():
         raise SceneError("the image has no other ground than these covers", field="utility")
-    unknown: BoolArray = np.all(by.laws[-1][:, list(covers)] == -np.inf, axis=1)
-    untaught = unknown[by.half[by.seen]]
+    unknown = by.laws[-1][by.half[by.seen]] == -np.inf
+    alone: BoolArray = unknown[:, others].all(axis=1)  # where nothing else was taught
+    untaught: BoolArray = alone | unknown[:, list(covers)].all(axis=1)
 
     def at(bonus: float) -> IntArray:
         return named(evidence, by, covers, bonus)
 
     def alarms(confusion: IntArray) -> float:
-        other = np.delete(confusion[~untaught].sum(axis=0), covers, axis=0)
+        other = confusion[~untaught].sum(axis=0)[others]
         return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
 
     low, high = -1.0, 1.0
@@ -216,8 +218,9 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> F
         middle = 0.5 * (low + high)
         low, high = (middle, high) if alarms(at(middle)) < FALSE_ALARMS else (low, middle)
     few, many = at(low), at(high)
-    every = np.zeros_like(few)
-    every[:, :, covers[0]] = few.sum(axis=2)
+    none, every = np.zeros_like(few), np.zeros_like(few)
+    none[:, :, others[0]] = every[:, :, covers[0]] = few.sum(axis=2)
+    few = np.where(alone[:, None, None], none, few)
     many = np.where(untaught[:, None, None] | (alarms(many) < FALSE_ALARMS), every, many)
     least, most = alarms(few), alarms(many)
     between = np.clip((FALSE_ALARMS - least) / max(most - least, 1e-12), 0.0, 1.0)

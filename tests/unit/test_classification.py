@@ -196,7 +196,7 @@ def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):
     other, part = rng.integers(0, n_classes, n), np.where(rng.random(n) < 0.25, rng.integers(1, 9, n), 9)
     centre = rng.normal(-10.0, 4.0, (n_channels, n_classes))
     features = (part * centre[:, own] + (9 - part) * centre[:, other]) / 9.0 + rng.normal(0.0, 2.0, (n_channels, n))
-    known = rng.uniform(0.0, 1.0, (covariates, n))
+    known = rng.uniform(0.0, 1.0, (covariates, n)) * 10.0 ** -np.arange(covariates)[:, None]
     counts = np.zeros((n, n_classes), dtype=np.int32)
     np.add.at(counts, (np.arange(n), own), part)
     np.add.at(counts, (np.arange(n), other), 9 - part)

@@ -17,7 +17,7 @@ from synthetic import synthetic_scene
 from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import halves
+from seqrsm.score.classification import halves, knowing_areas, taught
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
 from seqrsm.score.evidence import (
     WINDOW,
@@ -445,6 +445,9 @@ def test_the_area_of_a_rare_cover_is_mapped_the_better_the_more_images_tell(m: f
     edge = -math.log(9.0) / (2.0 * m)
     mapped = 0.1 * norm.cdf(edge + m) + 0.9 * norm.cdf(edge - m)
     assert found.value == pytest.approx(100.0 * abs(mapped / 0.1 - 1.0), abs=3.0)
+    # All other measures are of equal priors.
+    mean = score_evidence(evidence, ("other", "one"), Asked("class_mean_correct"))
+    assert mean.value == pytest.approx(100.0 * norm.cdf(m), abs=0.8)
 
 
 def test_ground_that_one_half_alone_holds_is_found_there_by_lot() -> None:
@@ -456,6 +459,55 @@ def test_ground_that_one_half_alone_holds_is_found_there_by_lot() -> None:
     lot = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
     assert lot.value == pytest.approx(100.0 * FALSE_ALARMS)
     assert lot.confusion[0, 1] / lot.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
+
+
+def test_other_ground_that_one_half_alone_holds_is_let_through_by_lot() -> None:
+    """Nothing else taught the half that holds it: all of it was taken for the cover, of which the other found none."""
+    rng, n = np.random.default_rng(0), 1000
+    tile = np.where(np.arange(n) < 5, 0, 1 + np.arange(n) % 7)
+    counts = np.eye(2, dtype=int)[(tile != 0).astype(int)]
+    evidence = Evidence(rng.normal(size=(1, n)), counts, tile, rng.random(8), 0, counts)
+    lot = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
+    assert lot.confusion[0, 1] / lot.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
+    mine = taught(evidence).half == taught(evidence).half[0]
+    named_by_lot = lot.confusion[1, 1] - np.count_nonzero(~mine[tile])
+    assert named_by_lot == pytest.approx(FALSE_ALARMS * (np.count_nonzero(mine[tile]) - 5))
+
+
+def test_a_cover_that_one_half_lacks_keeps_no_other_from_being_found_there() -> None:
+    """Two covers are sought, at 8 and -8 under unit noise about 0; the second lies in one tile of eight alone."""
+    rng, n = np.random.default_rng(0), 4000
+    tile = np.arange(n) % 8
+    kind = np.where(rng.random(n) < 0.3, np.where(tile == 0, 2, 1), 0)
+    counts, x = np.eye(3, dtype=int)[kind], rng.normal(size=n) + np.array([0.0, 8.0, -8.0])[kind]
+    evidence = Evidence(x[None], counts, tile, rng.random(8), 0, counts)
+    found = score_evidence(evidence, ("other", "one", "two"), Asked("detection", ("one", "two")))
+    assert found.details["per_class_percent"]["one"] > 99.0
+    assert found.confusion[0, 1:].sum() / found.confusion[0].sum() == pytest.approx(FALSE_ALARMS, abs=0.003)
+
+
+def test_names_that_no_favour_changes_are_drawn_by_lot() -> None:
+    """Laws without noise, 100 apart in thousandths: mixed ground looks as other ground does, and nothing in between."""
+    tile = np.arange(900) % 10
+    kind = np.arange(900) // 300  # other ground, the cover, both
+    counts = np.array([[10, 0], [0, 10], [5, 5]])[kind]
+    x = np.where(kind == 1, 100.0, 0.0)
+    evidence = Evidence(x[None], counts, tile, np.arange(10) / 10.0, 0, counts)
+    found = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
+    assert found.confusion[0, 1] / found.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
+    assert found.value == pytest.approx(100.0 * (10.0 + FALSE_ALARMS * 5.0) / 15.0)
+
+
+def test_areas_are_those_of_the_ground_that_taught() -> None:
+    """The half that is named does not tell its own: 20 cells of one cover in it, and 60 in the other."""
+    rng, n = np.random.default_rng(0), 400
+    tile, keys = np.arange(n) // 40, np.arange(10) / 10.0
+    few = halves(keys)[tile] == 0
+    rare = np.concatenate([np.flatnonzero(few)[:20], np.flatnonzero(~few)[:60]])
+    counts = np.eye(2, dtype=int)[np.isin(np.arange(n), rare).astype(int)]
+    evidence = Evidence(rng.normal(size=(1, n)), counts, tile, keys, 0, counts)
+    (*_, plain), (*_, known) = (by.laws for by in (taught(evidence), knowing_areas(evidence, taught(evidence))))
+    np.testing.assert_allclose(known - plain, np.log([[140, 60], [180, 20]]))
 
 
 def test_whole_cells_are_counted_where_names_are_drawn_by_lot() -> None:

@@ -92,6 +92,9 @@ def test_units_are_divided_by_the_labels_of_their_cells() -> None:
     np.testing.assert_array_equal((of, label), ([5] * 4, range(4)))
     for k in range(4):
         np.testing.assert_array_equal(counts[k], np.bincount(SCENE.cover[labels == k], minlength=4))
+    scored = np.random.default_rng(0).random(SCENE.cover.shape) < 0.5
+    _, label, counts = parts_by_label(BLURRED, replace(SCENE, scored=scored), 0 * one, 3)
+    np.testing.assert_array_equal(counts.sum(axis=1), np.bincount(labels[scored]))
 
 
 @pytest.mark.parametrize("by", ["pixel", "neighbourhood", "segment", "field"])

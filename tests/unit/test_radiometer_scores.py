@@ -14,9 +14,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, image, radiometer, scene
 from shorthands import percent_correct
+from test_cover_measures import IMAGE, KEY, SCENE
 
 from seqrsm.score.cover import score_evidence
-from seqrsm.score.evidence import Evidence, pixels_of, seen_pixels, tile_m
+from seqrsm.score.evidence import Evidence, evidence_of, finest, pixels_of, seen_pixels, tile_m
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
@@ -124,6 +125,32 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     given_away = np.vstack([label + rng.normal(0.0, 0.3, n), rng.normal(size=n)])
     useless = score_pixels(given_away, *where, covariates=1).value
     assert useless < 60.0
+
+
+@pytest.mark.parametrize("radar_first", [True, False])
+def test_squares_of_look_angles_come_before_what_all_images_show(radar_first):
+    """Of images in their order; a coarser image's values are means over the cells of each pixel."""
+    seen = image(SCENE, radiometer(**{**FINE, "channels": ("H", "V")}), Table((0.5, 0.6, 0.7, 0.8)))
+    images = (IMAGE, seen) if radar_first else (seen, IMAGE)
+    found, base = evidence_of(images, SCENE, **KEY), images[0]
+    assert (finest(images), found.covariates) == (base, 1)
+
+    def met(image, layer):
+        at, own = base.pixel_of_cell.ravel(), image.pixel_of_cell.ravel()
+        known = (at >= 0) & (own >= 0)
+        n = found.features.shape[1]
+        with np.errstate(invalid="ignore"):
+            return np.bincount(at[known], layer.ravel()[own[known]], n) / np.bincount(at[known], minlength=n)
+
+    power = [10.0 * np.log10(met(IMAGE, layer)) for layer in IMAGE.apparent_sigma0().astype(np.float64)]
+    angle = np.repeat(seen.scan.look_rad**2, seen.brightness_k.shape[2])
+    kelvin = [met(seen, layer) for layer in seen.brightness_k]
+    wanted = [met(seen, angle), *(power + kelvin if radar_first else kelvin + power)]
+    held = found.counts.any(axis=1)
+    for row, layer in zip(found.features, wanted, strict=True):
+        own = held & np.isfinite(layer)
+        assert np.count_nonzero(own) > 0.9 * np.count_nonzero(held)
+        np.testing.assert_allclose(row[own], layer[own], rtol=1e-5)
 
 
 def test_a_look_angle_that_tells_nothing_costs_little_however_far_it_reaches():
