@@ -115,7 +115,10 @@ def test_between_l_and_c_band_a_course_is_part_a_water_cloud_over_soil(frequency
         in_c = TABLE.lookup([name], 5.4, "VV", day=150).course.change_db[0]
         wanted = share * in_c + (1.0 - share) * 10.0 * np.log10(cloud)
         np.testing.assert_allclose(found.change_db[k], wanted, atol=1e-9)
-        np.testing.assert_allclose(found.closed[k], np.interp(DAYS, day, cover, period=365))
+        closed = np.interp(DAYS, day, cover, period=365)
+        np.testing.assert_allclose(found.closed[k], closed)
+        bare = share * (1.0 - closed) + (1.0 - share) * below * through / cloud
+        np.testing.assert_allclose(found.soil_share[k], bare, atol=1e-12)
 
 
 def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
