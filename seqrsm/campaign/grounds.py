@@ -114,11 +114,11 @@ class Grounds:
                 "settings": dict(analysis.optimum.settings),
                 "unit": unit,
                 "known": known,
-                "levels": self.other_levels(analysis),
+                "levels": self._other_levels(analysis),
             }
             self.store.add_event(RANKED, detail, once=("application", "settings", "known"))
 
-    def other_levels(self, analysis: Analysis) -> list[dict[str, float | str]]:
+    def _other_levels(self, analysis: Analysis) -> list[dict[str, float | str]]:
         """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""
         settings, region = analysis.optimum.settings, self.spec.region
         others = [

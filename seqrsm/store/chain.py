@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter, itemgetter
 from typing import Any
 
-from seqrsm.store.records import EventRecord, LookRecord, RunRecord, misfit
+from seqrsm.store.records import DERIVED, EventRecord, LookRecord, RunRecord, misfit
 
 _EVENT = ("at", "version", "seed", "run_id", "kind", "detail")
 _RUN = ("batch", "purpose", "why", "source", "proposed", "executed", "block", "cost")
@@ -70,10 +70,8 @@ class _Told:
             self.scores[event.detail["application"]] = event.detail["score_digest"]
 
 
-def changes(
-    runs: Iterable[RunRecord], looks: Iterable[LookRecord], events: Iterable[EventRecord], derived: str
-) -> Iterator[str]:
-    """What is not as it was written, in words; ``derived``: mark of scores that are no measurements but results."""
+def changes(runs: Iterable[RunRecord], looks: Iterable[LookRecord], events: Iterable[EventRecord]) -> Iterator[str]:
+    """What is not as it was written, in words; scores that are results, `DERIVED`, are not compared."""
     before = ""
     told: dict[int, _Told] = {}
     seen: dict[int, str] = {}
@@ -97,11 +95,11 @@ def changes(
             if name := misfit(record):
                 yield f"{name} of run {run.run_id} is {getattr(record, name)!r}"
                 return
-        yield from _changes_of(run, told.pop(run.run_id, _Told()), derived)
+        yield from _changes_of(run, told.pop(run.run_id, _Told()))
     yield from (f"run {run_id} was lost" for run_id in told)
 
 
-def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:
+def _changes_of(run: RunRecord, told: _Told) -> Iterator[str]:
     if told.run != _digest(_run_columns(run)):
         yield f"run {run.run_id} is not what was proposed and carried out"
     if told.state not in ("", run.state):
@@ -110,5 +108,5 @@ def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:
     if lost := told.scores.keys() - scores.keys():
         yield f"run {run.run_id} has lost its score of '{min(lost)}'"
     for name, score in scores.items():
-        if score.metadata.get("derived") != derived and told.scores.get(name) != _digest(_score_columns(score)):
+        if score.metadata.get("derived") != DERIVED and told.scores.get(name) != _digest(_score_columns(score)):
             yield f"the score of run {run.run_id} for '{name}' is not the one that was recorded"

@@ -19,6 +19,9 @@ WAITING = ("proposed", "issued", "running")
 CONFIRMATION = "confirmation"
 """Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
 
+DERIVED = "Plackett-Luce"
+"""Mark, in their metadata, of scores that are no measurements but results of rankings."""
+
 
 @dataclass(frozen=True, slots=True)
 class NewRun:

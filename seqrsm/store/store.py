@@ -43,7 +43,7 @@ from seqrsm.store.records import (
     RunRecord,
 )
 from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.store.take_in import DERIVED, ingest_files, ranking_summary, rescore_without, stored_rankings, void_ranking
+from seqrsm.store.take_in import ingest_files, ranking_summary, rescore_without, stored_rankings, void_ranking
 
 STORE_NAME = "campaign.db"
 LEASE_S = 900.0
@@ -392,7 +392,7 @@ class Store:
             events = (EventRecord(*row) for row in ledger.connection.execute(sa.select(EVENTS).order_by(EVENTS.c.id)))
             looks = [LookRecord(*row) for row in ledger.connection.execute(sa.select(LOOKS))]
             self._known = ledger.last_event(), ledger.runs(sa.true())
-            found = list(changes(self._known[1], looks, events, DERIVED))
+            found = list(changes(self._known[1], looks, events))
         if found:
             remedy = "Restore the database from a copy."
             raise StoreError(*(Problem(text, remedy, file=self.label) for text in found[:5]))

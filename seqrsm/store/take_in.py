@@ -20,6 +20,7 @@ from seqrsm.score.ranking import Ranking, connected, fit_rankings
 from seqrsm.store.database import utc_now
 from seqrsm.store.ledger import VOID_FIRST, Ledger
 from seqrsm.store.records import (
+    DERIVED,
     EqualRow,
     FileRecord,
     IngestedFile,
@@ -230,7 +231,6 @@ def _refuse_ranked(ranked: set[str], run: IngestedRun, name: str, problems: list
 
 
 _FIELDS = tuple(column for column in RANKINGS.c if column.name != "id")
-DERIVED = "Plackett-Luce"
 
 
 def stored_rankings(ledger: Ledger) -> tuple[RankingRecord, ...]:

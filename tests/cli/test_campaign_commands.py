@@ -154,7 +154,7 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
         return np.array([here[world] + sum(moves.get(n, hardly)[world] for n in own) for world, _, own in asked[-1]])
 
     monkeypatch.setattr(grounds, "scores_of", scored)
-    monkeypatch.setattr(Grounds, "other_levels", lambda *_: [])
+    monkeypatch.setattr(Grounds, "_other_levels", lambda *_: [])
     covers = dict.fromkeys(("Water", "Oats", "Grass", "Asphalt", "Trees"), 2.0)
     monkeypatch.setattr(grounds, "mean_sds", lambda *_: (covers, "dB"))
     with sqlite3.connect(copy / "campaign.db") as base:

@@ -182,7 +182,7 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     here = scores([found.optimum.settings]).reshape(-1, 2)
     monkeypatch.setattr(Grounds, "_bundle", lambda *_: here)
     monkeypatch.setattr(grounds, "scores_of", scores)
-    levels = Grounds(opened.spec, opened.store).other_levels(found)
+    levels = Grounds(opened.spec, opened.store)._other_levels(found)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
 
