@@ -475,15 +475,17 @@ def test_other_ground_that_one_half_alone_holds_is_let_through_by_lot() -> None:
 
 
 def test_a_cover_that_one_half_lacks_keeps_no_other_from_being_found_there() -> None:
-    """Two covers are sought, at 8 and -8 under unit noise about 0; the second lies in one tile of eight alone."""
+    """Two covers are sought, at 8 and -8 under unit noise about 0; the second, and other ground, in one tile each."""
     rng, n = np.random.default_rng(0), 4000
     tile = np.arange(n) % 8
-    kind = np.where(rng.random(n) < 0.3, np.where(tile == 0, 2, 1), 0)
-    counts, x = np.eye(3, dtype=int)[kind], rng.normal(size=n) + np.array([0.0, 8.0, -8.0])[kind]
+    sought = rng.random(n) < 0.3
+    kind = np.where(sought, np.where(tile == 0, 2, 1), np.where(tile == 1, 3, 0))
+    counts, x = np.eye(4, dtype=int)[kind], rng.normal(size=n) + np.array([0.0, 8.0, -8.0, 0.0])[kind]
     evidence = Evidence(x[None], counts, tile, rng.random(8), 0, counts)
-    found = score_evidence(evidence, ("other", "one", "two"), Asked("detection", ("one", "two")))
+    found = score_evidence(evidence, ("other", "one", "two", "more"), Asked("detection", ("one", "two")))
     assert found.details["per_class_percent"]["one"] > 99.0
-    assert found.confusion[0, 1:].sum() / found.confusion[0].sum() == pytest.approx(FALSE_ALARMS, abs=0.003)
+    other = found.confusion[[0, 3]]
+    assert other[:, 1:3].sum() / other.sum() == pytest.approx(FALSE_ALARMS, abs=0.003)
 
 
 def test_names_that_no_favour_changes_are_drawn_by_lot() -> None:

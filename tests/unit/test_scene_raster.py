@@ -234,7 +234,7 @@ def test_a_raster_that_is_no_cover_is_told_so_in_few_words(files, tmp_path):
 
 
 def test_cells_larger_than_the_ground_and_legends_of_spreadsheets(files):
-    files["legend"].write_text("code;category;note\n1;Wheat;\n2;Trees;planted, dense\n9;;\n", encoding="utf-8")
+    files["legend"].write_text("code;category;note\n1;Wheat;\n2;Trees;planted, dense\n;;\n9\n", encoding="utf-8")
     assert import_scene(**files).category_notes == {"Trees": "planted, dense"}
     with pytest.raises(SceneError, match="holds no cell of 5000 m"):
         import_scene(**files, cell_m=5000.0)
