@@ -488,16 +488,20 @@ def test_a_cover_that_one_half_lacks_keeps_no_other_from_being_found_there() -> 
     assert other[:, 1:3].sum() / other.sum() == pytest.approx(FALSE_ALARMS, abs=0.003)
 
 
-def test_names_that_no_favour_changes_are_drawn_by_lot() -> None:
-    """Laws without noise, 100 apart in thousandths: mixed ground looks as other ground does, and nothing in between."""
-    tile = np.arange(900) % 10
-    kind = np.arange(900) // 300  # other ground, the cover, both
+@pytest.mark.parametrize("like_cover", [False, True])
+def test_laws_without_noise_leave_nothing_to_favour(like_cover: bool) -> None:
+    """100 apart in thousandths, and mixed ground looks as one of them does: of what looks alike 5 % is drawn.
+
+    Or 15 %, where that is a third of the other ground: no favour holds it back, and all of it was taken for the cover.
+    """
+    tile, kind = np.arange(900) % 10, np.arange(900) // 300  # other ground, the cover, both
     counts = np.array([[10, 0], [0, 10], [5, 5]])[kind]
-    x = np.where(kind == 1, 100.0, 0.0)
+    x = np.where((kind == 1) | (kind == 2) & like_cover, 100.0, 0.0)
     evidence = Evidence(x[None], counts, tile, np.arange(10) / 10.0, 0, counts)
     found = score_evidence(evidence, ("other", "one"), Asked("detection", ("one",)))
     assert found.confusion[0, 1] / found.confusion[0].sum() == pytest.approx(FALSE_ALARMS)
-    assert found.value == pytest.approx(100.0 * (10.0 + FALSE_ALARMS * 5.0) / 15.0)
+    assert found.value == pytest.approx(15.0 if like_cover else 100.0 * (10.0 + FALSE_ALARMS * 5.0) / 15.0)
+    assert found.n_cells == 9000
 
 
 def test_areas_are_those_of_the_ground_that_taught() -> None:

@@ -111,6 +111,14 @@ def test_a_map_keeps_its_detail_under_coarse_pixels(by: str) -> None:
     assert evidence.teaching.sum() == plain.teaching[held].sum()
     assert evidence.counts.sum() == plain.counts.sum()
 
+    def of_tiles(one: Evidence) -> np.ndarray:
+        """Cells of each tile, and sums over them of what images show."""
+        cells = one.counts.sum(axis=1)
+        rows = [cells, *np.where(cells > 0, cells * one.features, 0.0)]
+        return np.stack([np.bincount(one.tile, row, len(one.keys)) for row in rows])
+
+    np.testing.assert_allclose(of_tiles(evidence), of_tiles(plain))
+
 
 def test_what_a_map_adds_to_one_feature_is_the_closed_form() -> None:
     """Two equally likely classes at +-m under unit noise, and a label that is right with probability p.
