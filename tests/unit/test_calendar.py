@@ -21,7 +21,7 @@ from shorthands import met_on_time
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS, SHIPPED, _c_band_db, level_days, on_day
+from seqrsm.scattering.calendar import DAYS, SHIPPED, _c_band_db, fields_by_category, has_course, level_days, on_day
 from seqrsm.scattering.curves import moisture_change_db
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
@@ -72,6 +72,18 @@ def test_c_band_goes_through_the_year_as_the_sites_did(channel):
             sites = [np.mean(v) for v in by_source.values()]
             # Bare months fall faster with the angle: 0.28 dB a degree at most, two degrees from the course's 40.
             assert value == pytest.approx(np.mean(sites), abs=0.7), (name, month)
+
+
+def test_covers_with_a_course_are_those_whose_months_were_measured():
+    """Bare soil goes through the year as it is: it has the fields' spread and history, and no course."""
+    lines = [line for line in (DATA / "calendar_c_band.csv").read_text().splitlines() if not line.startswith("#")]
+    measured = {row["category"] for row in csv.DictReader(lines)}
+    assert {name for name in fields_by_category() if has_course(name)} == measured == set(CROPS)
+    course = at(15, categories=("Bareground", "Trees")).course
+    np.testing.assert_array_equal([course.change_db, course.tilt_db_per_deg], 0.0)
+    np.testing.assert_array_equal(course.even, [False, True])
+    np.testing.assert_array_equal(course.soil_share, np.outer([1.0, 0.0], np.ones(365)))
+    assert [SHIPPED.closed(name, 15.0) for name in ("Bareground", "Trees")] == [0.0, 1.0]
 
 
 def test_known_seasons_of_known_crops():
