@@ -290,7 +290,8 @@ def load_calendar(path: str | Path | None, late_days: int = 0) -> Calendar:
     """The shipped calendar, moved by some days, and the courses of a user's file in place of its own.
 
     The columns of ``path`` are in `seqrsm.scattering.longtable`. Where it states no standard deviation that of assumed
-    emissivity, or the largest of the shipped courses of sigma0, is taken. ScatteringDataError tells all wrong rows.
+    emissivity, or of sigma0 that of closed cereals, the largest shipped, is taken. ScatteringDataError tells all wrong
+    rows.
     """
     problems: list[Problem] = []
     groups: dict[tuple[str, str], dict[float, list[Node]]] = defaultdict(lambda: defaultdict(list))

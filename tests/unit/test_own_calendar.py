@@ -129,6 +129,16 @@ def test_an_own_course_of_emissivity_adds_to_the_table(tmp_path):
         own.lookup(("Corn",), 1.4, "V", day=100)
 
 
+def test_ground_with_a_course_of_ones_own_hides_the_soil_unless_it_is_bare(tmp_path):
+    rows = [("sigma0", name, 5.4, "VV", d, -1.0, "") for name in ("Bareground", "Corn") for d in (100, 200)]
+    own = calendar(tmp_path, rows)
+    course = replace(TABLE, calendar=own).lookup(("Bareground", "Corn"), 5.4, "VV", day=15.0).course
+    np.testing.assert_array_equal(course.change_db, -1.0)
+    np.testing.assert_array_equal(course.closed, np.outer([0.0, 1.0], np.ones(365)))
+    np.testing.assert_array_equal(course.soil_share, 1.0 - course.closed)
+    assert [own.closed(name, 15.0) for name in ("Bareground", "Corn")] == [0.0, 1.0]
+
+
 def test_deviations_that_are_not_stated_are_those_of_the_least_known_shipped_course(tmp_path):
     rows = [("sigma0", "Corn", f, "VV", d, 0.0, "") for d in (100, 200) for f in (1.25, 9.6)]
     course = replace(TABLE, calendar=calendar(tmp_path, rows)).lookup(("Corn",), 1.25, "VV", day=100).course
