@@ -224,7 +224,6 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> F
     every[:, :, covers[0]] = few.sum(axis=2)
     few = np.where(alone[:, None, None] | (alarms(few) > FALSE_ALARMS), none, few)
     many = np.where(untaught[:, None, None] | (alarms(many) < FALSE_ALARMS), every, many)
-    least, most = alarms(few), alarms(many)
-    between = np.clip((FALSE_ALARMS - least) / max(most - least, 1e-12), 0.0, 1.0)
+    between = np.interp(FALSE_ALARMS, [alarms(few), alarms(many)], [0.0, 1.0])
     part = np.where(untaught, FALSE_ALARMS, between)[:, None, None]
     return np.asarray((1.0 - part) * few + part * many)

@@ -124,8 +124,8 @@ def draw_occasion(
     (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil, and
     the part of its echo that is the soil's has the date's moisture in place of the weather that crops share. The
     spread was measured with early and late fields in it, so what their shift makes of it on a day is taken off what
-    fades. The roughness of a bare field is the same for all channels, sensors and dates. Layers of `TOGETHER` are left
-    at 0.
+    fades. The roughness of a field of bare ground is the same for all channels, sensors and dates; a crop's that lies
+    bare has none that lasts, as almost nothing of it was measured to. Layers of `TOGETHER` are left at 0.
 
     Parameters
     ----------
