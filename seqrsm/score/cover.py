@@ -87,7 +87,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         sign, name = -1.0 if asked.row.is_error else 1.0, "percent_correct" if sought else asked.name
         laws = trusting(evidence, laws, lambda found: sign * float(measure(found, name, covers)))
     by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
-    total, true = by_tile.sum(axis=0), evidence.counts.sum(axis=0)  # names drawn by lot leave no whole numbers
+    total = by_tile.sum(axis=0)
+    true = np.rint(total.sum(axis=1)).astype(np.int64)  # names drawn by lot leave no whole numbers
     if np.count_nonzero(true) == 1:
         text = f"all scored ground in the image is {categories[int(true.argmax())]}: there is nothing to tell apart"
         raise SceneError(text, "Let the swath or the mask of scored cells hold more ground.", field="utility")
@@ -196,7 +197,7 @@ def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> F
     Recognition Letters 27(8)).
     """
     others = np.delete(np.arange(evidence.counts.shape[1]), covers)
-    if not evidence.counts[:, others].any():
+    if not evidence.counts.sum(axis=0)[others].any():
         raise SceneError("the image has no other ground than these covers", field="utility")
     unknown = by.laws[-1][by.half[by.seen]] == -np.inf
     alone: BoolArray = unknown[:, others].all(axis=1)  # where nothing else was taught
