@@ -49,6 +49,7 @@ def _cells(text: str, file: str, error: type[UserError]) -> Iterator[tuple[int, 
             try:
                 cells = [cell.strip() for cell in next(csv.reader([line], strict=True, delimiter=delimiter))]
             except csv.Error as fault:
-                raise error(f"not a CSV line: {fault}", file=file, line=number) from fault
+                remedy = 'Close every quote on its line, and write a quote inside a quoted cell twice: "".'
+                raise error(f"not a CSV line: {fault}", remedy, file=file, line=number) from fault
             if any(cells):
                 yield number, cells if delimiter == "," else [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
