@@ -27,12 +27,13 @@ Guard = Literal["runs", "confirmation"]
 LACK_OF_FIT_ALPHA = 0.05
 """Lack of fit with a smaller p stops the stopping."""
 _RUNS_PER_TERM = 3  # of the guard "runs"
-_LEAST_DF, _ENOUGH_DF = 10, 20
-"""Residual degrees of freedom that are asked for beside it, and that do in place of it.
+_LEAST_DF = 10
+"""Residual degrees of freedom asked for beside it: with fewer a campaign of one factor ends after 9 runs, between which
+a kink or a ripple hides."""
+_ENOUGH_DF = 20
+"""Residual degrees of freedom that do in place of it, with three runs for each term in factors that matter where
+another surface is likelier than the quadratic.
 
-With fewer than 10 campaigns of one factor end after 9 runs, between which a kink or a ripple hides.
-
-With 20, there are three runs for each term in factors that matter where another surface is likelier than the quadratic.
 So many has a quadratic in three factors at three runs a term. With four, five and six factors campaigns then end after
 37, 43 and 50 runs, in place of 45, 63 and 84, and intervals cover as before (`reports/peers`); with 14, 1 to 2 % less.
 Of bells in six factors that all matter a third stopped away from the top by degrees of freedom alone."""
