@@ -118,7 +118,9 @@ def parts_by_label(known: KnownMap, scene: Scene, unit: AnyArray, seed: int) -> 
     cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover < len(known.share)))
     label = known.label_of_fields(scene, seed)[scene.field_id.ravel()[cells]]
     code = unit.ravel()[cells].astype(np.int64) * len(known.labels) + label
-    codes, part = np.unique(code, return_inverse=True)
+    used = np.zeros((int(unit.max()) + 1) * len(known.labels), dtype=np.bool_)  # np.unique takes five times as long
+    used[code] = True
+    codes, part = np.flatnonzero(used), (np.cumsum(used, dtype=np.int32) - 1)[code]
     n_classes = len(known.share)
     counts = np.bincount(part * n_classes + scene.cover.ravel()[cells], minlength=len(codes) * n_classes)
     return *np.divmod(codes, len(known.labels)), counts.reshape(-1, n_classes).astype(np.int32)
