@@ -521,6 +521,20 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
         assert np.mean(together) == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
 
 
+def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch):
+    """The soil's part has the moisture of the date in its place; L band sees more soil than is bare."""
+    monkeypatch.setattr(occasion, "_YEAR_DB", 0.0)
+    monkeypatch.setattr(occasion, "year_shift_days", lambda n, **key: np.zeros(n))
+    looked, given = at(165.0, frequency=1.25), ((0.2, 5.0), Visit((165.0,)))
+    found = [
+        draw_occasion(radar(1.25), [looked], np.zeros(1, dtype=np.uint8), *given, seed=3, run_id=run).class_offset_db[0]
+        for run in range(1000)
+    ]
+    soil = on_day(looked.course.soil_share, 165.0)
+    assert (soil > 1.0 - looked.closed + 0.1).any()
+    np.testing.assert_allclose(np.std(found, axis=0), np.hypot(0.8 * (1.0 - soil), 0.4), rtol=0.08)
+
+
 def test_wind_goes_with_the_weather_and_is_uniform_on_each_date():
     """Else water alone would change between two looks within the hour."""
     days = (150.0, 150.04, 153.0, 180.0)
