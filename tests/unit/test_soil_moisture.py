@@ -28,6 +28,7 @@ from seqrsm.score.brightness import (
     GRID,
     _costs,
     _expected_k,
+    _held_pixels,
     _weights,
     expected_ground,
     own_of_squares,
@@ -345,6 +346,13 @@ def test_a_radiometer_believes_its_brightness_as_far_as_it_may(channels: tuple[s
         truth = np.bincount(unit[cells], found.occasion.field_moisture[s.field_id[cells]]) / np.bincount(unit[cells])
         slopes.append(np.cov(value, truth)[0, 1] / value.var(ddof=1))
     assert 0.85 < np.mean(slopes) < 1.15
+
+
+def test_a_footprint_tells_of_the_cells_that_it_holds_or_if_it_holds_none_of_the_nearest() -> None:
+    """The first holds two of three cells, and the gap's is not its own; the second, between centres, has one."""
+    seen = SimpleNamespace(coverage=np.array([[1, 2, 0, 0, 1, 0]]), brightness_k=np.zeros((2, 1, 4)))
+    held = _held_pixels(seen, np.array([[0, 0, 0, 1, 3, -1]]))
+    np.testing.assert_array_equal(held, [[0, 0, -1, 1, 3, -1]])
 
 
 @pytest.mark.parametrize("cone_deg", [0.0, 40.0])
