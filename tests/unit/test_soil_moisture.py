@@ -17,7 +17,9 @@ from prm_cases import radiometer, scene
 from shorthands import still_radiometer
 
 from seqrsm.errors import SceneError
+from seqrsm.scattering.calendar import SHIPPED
 from seqrsm.scattering.coherence import limited
+from seqrsm.scattering.curves import moisture_change_db
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
@@ -535,6 +537,24 @@ def test_the_moisture_of_fields_that_lie_bare_is_found_whatever_is_sown_in_them(
     july = radar_image(s, table, visit=Visit((195.0,)))
     with pytest.raises(SceneError, match="no scored cells have retrievable soil moisture"):
         score_moisture([july], s, SKILL, seed=5, run_id=1)
+
+
+def test_a_crops_field_shows_moisture_where_half_of_its_echo_is_the_soils() -> None:
+    """By the channel that shows most: from C band on HV where it is 0.48, HH not before 0.59."""
+    half = []
+    for frequency in (1.25, 2.6, 5.4, 9.6, 13.6):
+        wet, dry = (10.0 ** (0.1 * moisture_change_db(frequency, 0.01, mv, 0.2)[:, 40]) for mv in (0.52, 0.04))
+        half += (10.0 * np.log10((1.0 + wet) / (1.0 + dry))).tolist()
+    assert min(half) < bare_soil._SEEN_DB < max(half) < min(half) + 1.0
+    s, table = land(("Corn", "Trees")), load_sigma0_table()
+    day = next(day for day in np.arange(120.0, 200.0, 0.25) if SHIPPED.closed("Corn", day) > 0.45)
+    shown = {
+        channels: (retrieved_fields([radar_image(s, table, 1, 5.4, channels, visit=Visit((day,)))], s, 5, 1)[1] >= 0)
+        for channels in ("HH", "HV", "HH+HV")
+    }
+    assert not shown["HH"].any()
+    np.testing.assert_array_equal(shown["HV"], s.cover == 0)
+    np.testing.assert_array_equal(shown["HH+HV"], shown["HV"])
 
 
 @pytest.mark.parametrize(
