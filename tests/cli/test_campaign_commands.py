@@ -84,7 +84,11 @@ def test_run_again_does_nothing_more(finished) -> None:
 def test_what_a_flight_scatters_by_is_simulated_where_it_is_told(finished, monkeypatch) -> None:
     """Not at the best of the runs so far, nor over the region, where poor settings scatter more."""
     campaign = Campaign.open(finished[0])
-    first, last = (event.detail for event in campaign.store.events(kind=MEASURED))
+    early, late = campaign.store.events(kind=MEASURED)
+    first, last = early.detail, late.detail
+    by_then = {event.run_id for event in campaign.store.events(kind="scored") if event.event < early.event}
+    best = max((run for run in campaign.store.runs() if run.run_id in by_then), key=lambda run: run.scores[0].score)
+    assert first["settings"] == best.settings
     (analysis,) = campaign.analyse_all()
     assert last["settings"] == analysis.optimum.settings != first["settings"]
     assert analysis.optimum.ground == ground_of_scores(last["scores"])
