@@ -185,6 +185,10 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     levels = Grounds(opened.spec, opened.store)._other_levels(found)
     assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
+    # One occasion that failed leaves its ground out: two of eight.
+    common[[0, 3]] = np.nan
+    levels = Grounds(opened.spec, opened.store)._other_levels(found)
+    assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(6.0 / 5.0), 0.0], abs=1e-4)
 
 
 def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(tmp_path) -> None:
