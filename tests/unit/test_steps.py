@@ -162,10 +162,16 @@ def test_where_the_quadratic_fails_gains_are_the_processes(tmp_path) -> None:
         assert step.factor == "bands" or step.better > 0.9
 
 
-def test_a_step_that_a_constraint_forbids_is_left_out(tmp_path) -> None:
+def test_a_step_that_a_constraint_forbids_is_left_out(tmp_path, monkeypatch) -> None:
     found = analysis(tmp_path, more='[[constraint]]\nexpr = "dates * count(bands) <= 4"\n')
     assert not any(step.factor == "bands" and step.level == "L+C" for step in found.steps)
     assert all(step.level != 4.0 or found.optimum.settings["bands"] != "L+C" for step in found.steps)
+    opened = Campaign.open(tmp_path / "c")
+    assert (found.optimum.settings["dates"], found.optimum.settings["bands"]) == (4.0, "L")
+    monkeypatch.setattr(grounds, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * len(worlds))
+    monkeypatch.setattr(grounds, "scores_of", lambda tasks, *_: np.zeros(len(tasks)))
+    monkeypatch.setattr(Grounds, "_bundle", lambda *_: np.zeros((16, 2)))
+    assert [one["level"] for one in Grounds(opened.spec, opened.store)._other_levels(found)] == ["C"]
 
 
 def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_path, monkeypatch) -> None:
