@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -195,6 +196,22 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     common[[0, 3]] = np.nan
     levels = Grounds(opened.spec, opened.store)._other_levels(found)
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(6.0 / 5.0), 0.0], abs=1e-4)
+
+
+def test_how_coarse_the_ground_may_be_is_measured_once_for_each_tolerance(monkeypatch) -> None:
+    kept: list[dict[str, float]] = []
+    store: Any = SimpleNamespace(
+        events=lambda kind: [SimpleNamespace(detail=one) for one in kept],
+        add_event=lambda kind, detail, once: kept.append(detail),
+    )
+
+    def measured(spec) -> dict[str, float]:
+        return {"tolerance": spec.simulator.tolerance, "cells": round(10.0 * spec.simulator.tolerance)}
+
+    monkeypatch.setattr(grounds, "coarsest_within", measured)
+    specs: list[Any] = [SimpleNamespace(simulator=SimpleNamespace(tolerance=one)) for one in (0.5, 0.2, 0.5, 0.0)]
+    assert [grounds.cells_of_ground(one, store) for one in specs] == [5, 2, 5, 0]
+    assert [one["tolerance"] for one in kept] == [0.5, 0.2]
 
 
 def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(tmp_path) -> None:
