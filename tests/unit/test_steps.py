@@ -17,6 +17,7 @@ from seqrsm.analysis.steps import joint_draws
 from seqrsm.campaign import grounds
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.grounds import Grounds
+from seqrsm.campaign.simulation import SimulationTask
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.report.blocks import Table
 from seqrsm.report.figures.optimum import paint_lines, set_numeric_axis
@@ -196,6 +197,19 @@ def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_p
     common[[0, 3]] = np.nan
     levels = Grounds(opened.spec, opened.store)._other_levels(found)
     assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(6.0 / 5.0), 0.0], abs=1e-4)
+
+
+def test_scores_over_other_grounds_are_of_the_application_that_is_asked_for(monkeypatch) -> None:
+    """In the order of the tasks, whichever ends first; one that failed has none."""
+
+    def run_many(_function, tasks, *_, **__):
+        for index in (2, 0, 1):
+            made = [SimpleNamespace(score=ord(name) + index) for name, _ in tasks[index].utilities]
+            yield index, OSError() if index == 1 else SimpleNamespace(scores=made)
+
+    monkeypatch.setattr(grounds, "run_many", run_many)
+    task = SimulationTask("psm", 1, 1, {}, {}, "", "", (("a", "one"), ("b", "two"), ("c", "three")))
+    np.testing.assert_array_equal(grounds.scores_of([task] * 3, "b"), [98.0, np.nan, 100.0])
 
 
 def test_how_coarse_the_ground_may_be_is_measured_once_for_each_tolerance(monkeypatch) -> None:
