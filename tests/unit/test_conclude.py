@@ -18,7 +18,7 @@ from seqrsm.analysis import compromise
 from seqrsm.analysis.conclude import _possible, analyse, as_found
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.results import Analysis, OptimumEstimate
-from seqrsm.analysis.runs import evidence, response_scale
+from seqrsm.analysis.runs import evidence, n_fitted, response_scale
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
@@ -375,3 +375,11 @@ def test_what_the_settings_lose_is_that_of_each_draw_on_a_grid(tmp_path: Path) -
     assert found.posterior.expected_regret == pytest.approx(loss.mean(), rel=0.05)
     assert found.posterior.p_regret_above == pytest.approx(np.mean(loss > 1.25), abs=0.02)
     assert np.mean(loss > 1.25) - np.mean(loss > 2.5) > 0.05
+
+
+def test_runs_that_can_be_fitted_are_those_of_the_application_that_has_fewest(tmp_path) -> None:
+    other = '[[application]]\nname = "other"\nutility = "measured"\n'
+    points = np.linspace(-1.0, 1.0, 12)[:, None]
+    made = campaign(tmp_path / "c", specification(numeric(1), rest=other), points, points[:, 0])
+    one = campaign(tmp_path / "d", specification(numeric(1)), points, points[:, 0])
+    assert [n_fitted(each.spec, each.store.runs()) for each in (made, one)] == [0, 12]
