@@ -593,6 +593,9 @@ def test_catalog_knows_sensors_platforms_and_tables() -> None:
     assert "81.8?" in ok("catalog", "Sentinel-1", "IW", "GRDM")
     assert "Nimbus" in ok("catalog", "A.32")
     assert json.loads(ok("catalog", "a.16", "--json"))[0]["table"] == "A.16"
+    whole = json.loads(ok("catalog", "--json"))
+    tables = [{one["table"] for one in whole[kind]} for kind in ("entries", "platforms")]
+    assert tables == [{f"A.{n}" for n in own} for own in (range(1, 21), {*range(21, 40)} - {26})]  # its page is missing
 
 
 @pytest.mark.parametrize("options", [[], ["--json"]])

@@ -224,6 +224,8 @@ def test_a_file_of_cultural_targets(campaign):
         "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900", "[simulator.fixed] targets_file"],
         "row,column,cross_section_dbm2,height_m\n1,2,3,1e200\n": ["targets.csv:2", "1,2,3,1e200", "1000 m of height"],
         "row column cross_section_dbm2\n1 2 3\n": ["targets.csv:1", "its columns"],
+        "# ours\n\nrow,row,column,cross_section_dbm2\n1,1,2,3\n": ["targets.csv:3", "its columns"],
+        "row,column,cross_section_dbm2\n,,\n1,2,3,4\n": ["targets.csv:3", "not a cultural target", "1,2,3,4"],
         "": ["empty"],
     }.items():
         csv.write_text(text)

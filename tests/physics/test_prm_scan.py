@@ -334,10 +334,20 @@ def test_measured_pattern_is_the_formula_it_was_measured_from(tmp_path):
         path.write_text(text)
         with pytest.raises(ConfigurationError, match=r"angle_beamwidths|pattern\.csv:402: not a CSV line"):
             beam_integral(radiometer(beam="measured", beam_file=str(path)))
-    for text, place in (("0;1", 2), ("0,1,2", 2), ("0,1\n0.5", 3), ("0,0\n1,-3", 3), ("0,1\n\n-1,0", 4)):
+    for text, place in (
+        ("0;1", 2),
+        ("0,1,2", 2),
+        ("0,1\n0.5", 3),
+        ("0,0\n1,-3", 3),
+        ("0,1\n\n-1,0", 4),
+        ("0,1\n,\n0,1", 4),
+    ):
         path.write_text(f"angle_beamwidths,gain\n{text}\n")
         with pytest.raises(ConfigurationError, match=rf"pattern\.csv:{place}: .*not a point .* not dB"):
             beam_integral(radiometer(beam="measured", beam_file=str(path)))
+    path.write_text("# mine\nangle,gain\n0,1\n")
+    with pytest.raises(ConfigurationError, match=r"pattern\.csv:2: .*no antenna pattern.*'angle,gain'"):
+        beam_integral(radiometer(beam="measured", beam_file=str(path)))
     with pytest.raises(ConfigurationError, match="cannot read the pattern"):
         beam_integral(radiometer(beam="measured", beam_file=str(tmp_path / "none.csv")))
 
