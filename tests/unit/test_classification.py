@@ -244,6 +244,10 @@ def test_every_cell_is_named_as_by_the_laws_of_scipy(n_channels, covariates, rar
     np.testing.assert_array_equal(found.confusion, wanted)
     assert found.value == pytest.approx(100.0 * np.trace(wanted) / wanted.sum(), rel=1e-12)
     assert 30.0 < found.value < 99.0
+    # Of features that hardly scatter what is added to every variance counts.
+    small = np.vstack([features[:covariates], 1e-3 * features[covariates:]])
+    wanted = cells_named(small, counts, tile, keys, covariates)
+    np.testing.assert_array_equal(of_evidence(small, counts, tile, keys, covariates).confusion, wanted)
 
 
 def test_halves_are_cut_among_the_tiles_that_hold_cells():
