@@ -85,7 +85,7 @@ class RadiometerConfiguration:
         Physical temperature of the ground by exposure to the sun, `temperature_low_k` everywhere, or the layer of the
         data base.
     temperature_low_k, temperature_high_k : float
-        Of ground without sun, and of bare ground square to the sun [K].
+        Of ground without sun, and of bare ground square to the sun [K]; cloud and rain take most of the sun.
     temperature_date_sd_k, temperature_field_sd_k : float
         Departure of a date, and of a field on a date [K].
     latitude_deg, day_of_year, hour, exposure_hours : float

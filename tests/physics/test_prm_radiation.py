@@ -222,3 +222,7 @@ def test_level_ground_at_noon_is_as_warm_as_the_sun_is_high():
     found = image(scene(np.zeros((60, 60))), radiometer(**given, latitude_deg=40.0, day_of_year=172.0), Table((1.0,)))
     high = np.sin(np.deg2rad(90.0 - 40.0 + 23.45))
     np.testing.assert_allclose(found.mean_k[np.isfinite(found.mean_k)], 300.0 + 40.0 * high, rtol=1e-4)
+    # Under a cloud of 0.3 kg/m2, of optical depth 45, two parts of 8.75 of that light are left, in rain as well.
+    for weather in ("cloud", "rain"):
+        found = image(scene(np.zeros((60, 60))), radiometer(**given, weather=weather, cloud_kg_m2=0.3), Table((1.0,)))
+        np.testing.assert_allclose(found.mean_k[np.isfinite(found.mean_k)], 300.0 + 80.0 / 8.75 * high, rtol=1e-4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import fractal_terrain
 
-from seqrsm.scene.temperature import Sun, cast_shadow, sun_exposure, sun_position, time_exposure
+from seqrsm.scene.temperature import Sun, cast_shadow, sun_exposure, sun_position, sunlight_under, time_exposure
 
 
 def test_sun_at_known_places_and_times():
@@ -93,3 +93,29 @@ def test_exposure_of_time_is_the_mean_over_the_hours_before():
     a, b = np.sin(np.deg2rad(35.0)) * np.sin(declination), np.cos(np.deg2rad(35.0)) * np.cos(declination)
     expected = a + b * np.sin(np.pi / 2.0) / (np.pi / 2.0)
     assert time_exposure(z, 10.0, hour=12.0, exposure_hours=6.0, **place)[0, 0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_cloud_lets_as_much_light_through_as_overcast_skies_were_measured_to():
+    """A quarter, by 1 - 0.75 (N / 8)**3.4 of ten years in Hamburg (Kasten and Czeplak 1980, Solar Energy 24)."""
+    assert sunlight_under(0.0, 20.0) == (1.0, 1.0)
+    straight, in_all = sunlight_under(0.3, 60.0)
+    assert straight < 1e-9
+    assert in_all == pytest.approx(0.25, abs=0.03)
+    thin = sunlight_under(0.002, 30.0)
+    assert 0.0 < thin[0] < thin[1] < 1.0
+
+
+def test_under_cloud_slopes_and_shadows_are_as_light_as_level_ground():
+    z = np.zeros((40, 40))
+    z[20:, :] = 3.0 * np.arange(20)[:, None]  # a wall in the north of the sun, and a slope
+    sun = Sun(35.0, 180.0)
+    clear, grey = (sun_exposure(z, 10.0, sun, cloud) for cloud in (0.0, 0.3))
+    assert np.ptp(clear) > 0.2
+    np.testing.assert_allclose(grey, sunlight_under(0.3, 35.0)[1] * np.sin(np.deg2rad(35.0)), rtol=1e-9)
+    # A haze of 1 g/m2 still has sun, and light in the shadow of a cliff.
+    z[:] = 0.0
+    z[:, :20] = 200.0
+    straight, in_all = sunlight_under(0.001, 20.0)
+    hazy = sun_exposure(z, 10.0, Sun(20.0, 270.0), 0.001)
+    assert hazy[20, 21] == pytest.approx((in_all - straight) * np.sin(np.deg2rad(20.0)))
+    assert hazy[20, 5] == pytest.approx(in_all * np.sin(np.deg2rad(20.0)))

@@ -128,7 +128,8 @@ def surface_temperature_k(
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
         sun = (radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours)
-        exposure = _exposure(scene, *sun, frame.quarter_turns)
+        cloud_kg_m2 = 0.0 if radiometer.weather == "clear" else radiometer.cloud_kg_m2
+        exposure = _exposure(scene, *sun, cloud_kg_m2, frame.quarter_turns)
         heating = np.ones(NO_COVER + 1)
         heating[: len(lookup.heating)] = lookup.heating
         low_k, high_k = radiometer.temperature_low_k, radiometer.temperature_high_k
@@ -147,7 +148,13 @@ def temperature_layer(scene: Scene) -> Float32Array:
 
 @lru_cache(maxsize=4)
 def _exposure(
-    scene: Scene, latitude_deg: float, day_of_year: float, hour: float, exposure_hours: float, turns: int
+    scene: Scene,
+    latitude_deg: float,
+    day_of_year: float,
+    hour: float,
+    exposure_hours: float,
+    cloud_kg_m2: float,
+    turns: int,
 ) -> FloatArray:
     """Exposure of a scene in the orientation of a heading; the sun does not change from run to run."""
     elevation = scene.elevation_m.astype(np.float64)
@@ -159,5 +166,6 @@ def _exposure(
         day_of_year=day_of_year,
         hour=hour,
         exposure_hours=exposure_hours,
+        cloud_kg_m2=cloud_kg_m2,
     )
     return np.ascontiguousarray(np.rot90(exposure, turns))
