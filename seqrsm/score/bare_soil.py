@@ -21,7 +21,7 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import fields_of, finest, in_one_field, pixels_of, reach_pixels, tile_m
+from seqrsm.score.evidence import fields_of, in_one_field, pixels_of, reach_pixels
 from seqrsm.sensor.radar import GROUND_OF
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image
@@ -60,9 +60,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     int32 array (rows, columns)
         Place in it; -1 for cells that are not scored, not seen or show no moisture.
     """
-    base = finest(images)
-    pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
-    unit, counts, _ = fields_of(pixels, scene, tile_m(scene, radar=True))
+    unit, counts, _ = fields_of(pixels_of(images, scene, seed=seed, run_id=run_id), scene)
     tables = [_tables(image, scene) for image in images]
     steps = [[look for one in at for look in one] for at in zip(*tables, strict=True)]  # the channels of all images
     first, last = (np.array([look.sigma0[:, 40] for look in steps[k]]) for k in (0, -1))

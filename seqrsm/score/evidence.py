@@ -35,6 +35,10 @@ TILE_M = 250.0
 TILES_ACROSS = 8
 """Tiles of a radiometer's image along the shorter side of a scene of 2 km and more."""
 
+_CELLS_A_TILE = 2.0
+"""Least side of a tile in cells of the coarsest image: what one shows of the ground in it, no half is to teach the
+other."""
+
 WINDOW = 7
 """Side of the neighbourhood [pixels]."""
 
@@ -62,6 +66,8 @@ class Pixels:
         Tiles that hold a scored cell.
     keys : float64 array (n_tiles,)
         See `seqrsm.score.classification.halves`.
+    side_m : float
+        Side of a tile [m].
     """
 
     pixel: AnyArray
@@ -70,6 +76,7 @@ class Pixels:
     tile: IntArray
     seen: BoolArray
     keys: FloatArray
+    side_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +135,7 @@ def evidence_of(
         A map of the ground that is there already.
     """
     base = finest(images)
-    pixels = pixels_of(base, scene, seed=seed, run_id=run_id)
+    pixels = pixels_of(images, scene, seed=seed, run_id=run_id)
     each = _on_pixels(images, base, pixels, lambda image: layers_of(image, smooth=by == "neighbourhood"))
     radar = [isinstance(image, RadarImage) for image in images]
     angles = [layers[:1] for layers, is_radar in zip(each, radar, strict=True) if not is_radar]
@@ -141,8 +148,7 @@ def evidence_of(
     teaching = _shown(base, counts, cells, scene.scored)
     seen = None if by == "field" else pixels.seen
     if by == "field":
-        side = tile_m(scene, radar=isinstance(base, RadarImage))
-        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, inside, scene, side)
+        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, inside, scene)
     elif by == "segment":
         segment = _segments(images, base, pixels)
         layers, counts, tile, teaching, unit = _of_segments(layers, pixels, teaching, segment)
@@ -212,15 +218,17 @@ def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
     return np.where(seen, mean + gain * (value - mean), np.nan)
 
 
-def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int) -> Pixels:
-    """Pixels of an image, the ground in them, and the tiles that they belong to.
+def pixels_of(images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> Pixels:
+    """Pixels of the finest of some images, the ground in them, and the tiles that they belong to.
 
     A pixel belongs to the tile of the first pixel of the field that most of it lies in: no field is taught in one half
     and tested in the other but by the ends of its border pixels. A field larger than a tile is one itself; those of a
     cover are shared between the halves. One that is most of its cover's ground is divided by the tiles of its pixels'
     centres: kept whole, it would leave a half with little to learn the cover from.
     """
-    side = tile_m(scene, radar=isinstance(image, RadarImage))
+    image = finest(images)
+    coarsest = max(one.radar.resolution_m if isinstance(one, RadarImage) else _side_m(one) for one in images)
+    side = tile_m(scene, radar=isinstance(image, RadarImage), cell_m=coarsest)
     kept = _known_ground.setdefault(image.registration, {}) if isinstance(image, RadarImage) else {}
     if (scene, side) not in kept:
         kept.clear()
@@ -264,7 +272,7 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     _keep_fields_whole(main, large, tile, n_tiles)
     keys = np.append(np.zeros(n_tiles), 1.0 + categories_of_fields(scene)[own])
     seen = np.bincount(tile[field != -1], minlength=len(keys)) > 0
-    return Pixels(pixel, counts, field, tile, seen, keys)
+    return Pixels(pixel, counts, field, tile, seen, keys, side)
 
 
 def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles: int) -> None:
@@ -291,11 +299,14 @@ def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles
     tile[inside] = first[own]
 
 
-def tile_m(scene: Scene, *, radar: bool) -> float:
-    """Side of a tile of a radar's image, or of a radiometer's [m]: whatever the scene, there is more than one."""
+def tile_m(scene: Scene, *, radar: bool, cell_m: float = 0.0) -> float:
+    """Side of a tile of a radar's image, or of a radiometer's [m]: whatever the scene, there is more than one.
+
+    ``cell_m``: side of the coarsest cell that any image of the set has [m].
+    """
     sides = [cells * scene.cell_m for cells in scene.shape]
     wanted = TILE_M if radar else max(TILE_M, min(sides) / TILES_ACROSS)
-    return min(wanted, 0.5 * max(sides))
+    return min(max(wanted, _CELLS_A_TILE * cell_m), 0.5 * max(sides))
 
 
 @lru_cache(maxsize=6)
@@ -362,14 +373,14 @@ def in_one_field(field: AnyArray, reach: int) -> BoolArray:
 
 
 def _of_fields(
-    layers: FloatArray, pixels: Pixels, inside: BoolArray, scene: Scene, side_m: float
+    layers: FloatArray, pixels: Pixels, inside: BoolArray, scene: Scene
 ) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
     """Layers, scored cells by class, tile and teaching of each field, and the field of each cell.
 
     A field is what pixels show whose resolution cells lie ``inside`` (n_pixels,) it, or where there are none those that
     do themselves, else all. It teaches by the first; of a class with few such fields all do.
     """
-    unit, counts, tile = fields_of(pixels, scene, side_m)
+    unit, counts, tile = fields_of(pixels, scene)
     own = pixels.field >= 0
     found, *others = (
         kernels_classify.mean_of_pixels(unit, pixels.pixel, np.where(used, layers, np.nan), len(counts))
@@ -382,7 +393,7 @@ def _of_fields(
     return found, counts, tile, _or_all(teaching, counts), unit
 
 
-def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, AnyArray, IntArray]:
+def fields_of(pixels: Pixels, scene: Scene) -> tuple[AnyArray, AnyArray, IntArray]:
     """Field (rows, columns) of each scored cell that is seen, -1 for none; cells by class (n, n_classes), tile (n,).
 
     One that tiles divide is a field in each: see `pixels_of`.
@@ -390,7 +401,7 @@ def fields_of(pixels: Pixels, scene: Scene, side_m: float) -> tuple[AnyArray, An
     cells = np.flatnonzero((pixels.pixel >= 0) & scene.scored & (scene.cover < len(scene.categories)))
     unit = np.full(scene.shape, -1, dtype=np.int32)
     of_cell, at = scene.field_id.ravel()[cells], pixels.tile[pixels.pixel.ravel()[cells]]
-    large = large_fields(scene, side_m)
+    large = large_fields(scene, pixels.side_m)
     code = of_cell.astype(np.int64) + np.where(large[of_cell] >= 0, 0, (1 + at) * scene.n_fields)
     codes, first, own = np.unique(code, return_index=True, return_inverse=True)
     unit.ravel()[cells] = own

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import prm_cases
+import psm_cases
 import pytest
 from scipy.stats import multivariate_normal
 from shorthands import met_on_time, percent_correct
@@ -15,7 +16,7 @@ from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import halves
-from seqrsm.score.cover import score_evidence
+from seqrsm.score.cover import score_cover, score_evidence
 from seqrsm.score.evidence import Evidence, decibels, pixels_of
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.score.utilities import Asked
@@ -29,10 +30,15 @@ CROPS = ("Wheat", "Corn", "Grass", "Vegetables")
 TABLE = load_sigma0_table()
 
 
+def number_of(n: int, side: int):
+    """Numbers of square fields on a square of n cells."""
+    place = np.arange(n) // side
+    return (place[:, None] * (n // side) + place[None, :]).astype(np.int32)
+
+
 def fields(side: int = 8, n: int = 192) -> Scene:
     """Square fields of four covers on flat ground, 10 m cells."""
-    place = np.arange(n) // side
-    number = (place[:, None] * (n // side) + place[None, :]).astype(np.int32)
+    number = number_of(n, side)
     cover = np.random.default_rng(4).integers(len(CROPS), size=number.max() + 1).astype(np.uint8)[number]
     shape = (n, n)
     return Scene(np.zeros(shape, np.float32), cover, CROPS, number, np.ones(shape, np.bool_), 10.0)
@@ -67,7 +73,7 @@ def test_ground_that_one_image_does_not_see_counts_by_the_others() -> None:
     assert both.n_cells == alone.n_cells
     assert both.value > alone.value
     # The mean of what is seen stands for the rest: written out.
-    found = pixels_of(wide, SCENE, seed=2, run_id=1)
+    found = pixels_of([wide], SCENE, seed=2, run_id=1)
     pixel, counts = found.pixel, found.counts
     seen = mean_of_pixels(pixel, part.pixel_of_cell, part.apparent_sigma0().reshape(2, -1), len(counts))
     with np.errstate(invalid="ignore"):
@@ -90,6 +96,26 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
             assert other.soil_moisture == pytest.approx(wet)
             found.append(wet)
     assert np.std(found) > 0.03
+
+
+def test_wide_footprints_that_tell_nothing_gain_nothing():
+    """Where a footprint was wider than a tile, its noise told the half that it tests where the other had found what."""
+    made, gain = prm_cases.Table((0.9, 0.9)), []
+    for run in range(32):
+        which = np.random.default_rng(run).permutation(np.arange(100) % 2).reshape(10, 10)
+        ground = psm_cases.scene(np.zeros((100, 100)), 40.0, np.kron(which, np.ones((10, 10), int)), number_of(100, 2))
+        fine = psm_cases.radar(resolution_m=40.0, altitude_m=20e3, peak_power_w=1e5)
+        wide = {"channels": ("H", "V"), "resolution_m": 400.0, "altitude_m": 20e3, "scan_period_s": 8.0}
+        blind = prm_cases.radiometer(**wide, noise_temperature_k=1e5)
+        key = {"seed": 1, "run_id": run}
+        images = [
+            simulate_radar(ground, fine, psm_cases.Table((-10.0, -10.0)), **key),
+            simulate_radiometer(ground, blind, made, visit=Visit(member=1), **key),
+        ]
+        assert [pixels_of(some, ground, **key).side_m for some in (images[:1], images)] == [250.0, 800.0]
+        asked = Asked("class_mean_correct", by="field")
+        gain.append(np.subtract(*(score_cover(some, ground, asked, **key).value for some in (images, images[:1]))))
+    assert abs(np.mean(gain)) < 2.5 * np.std(gain) / np.sqrt(31.0) < 2.0
 
 
 def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
@@ -136,7 +162,7 @@ def test_a_radiometer_that_looks_again_within_the_hour_meets_the_same_fields() -
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
     """Moments, shrinking and law written out by numpy and scipy."""
     images = dates(3)
-    found = pixels_of(images[0], SCENE, seed=2, run_id=1)
+    found = pixels_of(images[:1], SCENE, seed=2, run_id=1)
     counts, tile, keys = found.counts, found.tile, found.keys
     x = np.vstack([decibels(i.apparent_sigma0().reshape(2, -1), counts) for i in images]).T.astype(np.float64)
     cells = counts.sum(axis=1)

@@ -208,7 +208,7 @@ def test_the_seam_at_north_does_not_show():
 def test_tiles_of_a_ring_shaped_image_are_squares_of_250_m():
     s = flat()
     image = quiet(s, ppi())
-    pixels = pixels_of(image, s, seed=1, run_id=1)
+    pixels = pixels_of([image], s, seed=1, run_id=1)
     row, column = np.nonzero(pixels.pixel >= 0)
     tile = pixels.tile[pixels.pixel[row, column]]
     longest = 15.0 + float(image.ground_range_m[-1]) * math.radians(3.0)  # of a pixel, whose centre tells its tile

@@ -228,7 +228,7 @@ def test_turns_lie_in_tiles_of_their_own_on_the_ground() -> None:
     r = radiometer(conical_incidence_deg=40.0, resolution_m=100.0, scan_period_s=2.0, integration_time_ms=0.1)
     known = scene(np.zeros((60, 140)), 10.0)
     with tiles_of(200.0):
-        pixels = pixels_of(image(known, r, Table((0.8,))), known, seed=1, run_id=1)
+        pixels = pixels_of([image(known, r, Table((0.8,)))], known, seed=1, run_id=1)
     assert len(np.unique(pixels.tile)) >= 7  # 1400 m of flight
 
 

@@ -130,13 +130,13 @@ def test_standard_errors_of_other_measures_are_those_of_repeated_ground() -> Non
 def test_no_field_is_both_taught_and_tested() -> None:
     """A field's inner pixels lie in one tile, though tiles cut through fields by their centres."""
     with tiles_of(130.0):
-        pixels = pixels_of(IMAGE, SCENE, **KEY)
+        pixels = pixels_of([IMAGE], SCENE, **KEY)
     inside = pixels.field >= 0
     for field in np.unique(pixels.field[inside]):
         assert len(np.unique(pixels.tile[pixels.field == field])) == 1
     # Nor are the pixels that lie in it for the most part: at 23 m one of four lies in several fields.
     with tiles_of(130.0):
-        pixels = pixels_of(image(SCENE, 23.0), SCENE, **KEY)
+        pixels = pixels_of([image(SCENE, 23.0)], SCENE, **KEY)
     cells = np.zeros((len(pixels.field), SCENE.n_fields), dtype=int)
     seen = pixels.pixel >= 0
     np.add.at(cells, (pixels.pixel[seen], SCENE.field_id[seen]), 1)
@@ -147,7 +147,7 @@ def test_no_field_is_both_taught_and_tested() -> None:
     # A field larger than a tile that is most of its cover's ground is in many tiles.
     one = replace(SCENE, cover=np.zeros_like(SCENE.cover), field_id=np.zeros_like(SCENE.field_id))
     with tiles_of(130.0):
-        assert len(np.unique(pixels_of(image(one), one, **KEY).tile)) > 50
+        assert len(np.unique(pixels_of([image(one)], one, **KEY).tile)) > 50
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64])
@@ -202,9 +202,9 @@ def test_a_field_is_large_by_its_cells_and_most_of_its_cover_by_those_that_are_s
     assert large_fields(scene, 399.0).all()
     assert not large_fields(scene, 400.0).any()
     # As units of ground they keep the tiles that they are, though a pixel at their edge is another's.
-    pixels = pixels_of(image(scene, 37.0), scene, **KEY)
+    pixels = pixels_of([image(scene, 37.0)], scene, **KEY)
     large, whole = large_fields(scene, 250.0), len(pixels.keys) - 16
-    unit, _, tile = fields_of(pixels, scene, 250.0)
+    unit, _, tile = fields_of(pixels, scene)
     for field in np.flatnonzero(large > 0):
         (own,) = np.unique(unit[(scene.field_id == field) & (unit >= 0)])
         assert tile[own] == whole + large[field]
@@ -218,9 +218,9 @@ def test_covers_of_two_large_fields_have_one_in_each_half() -> None:
     )
     lone = replace(few, field_id=np.where(few.cover == 0, 2, few.field_id).astype(np.int32))
     for ground, in_one in ((few, True), (lone, False)):
-        pixels = pixels_of(image(ground), ground, seed=3, run_id=1)
+        pixels = pixels_of([image(ground)], ground, seed=3, run_id=1)
         for run in range(24):
-            keys = pixels_of(image(ground), ground, seed=3, run_id=run).keys
+            keys = pixels_of([image(ground)], ground, seed=3, run_id=run).keys
             keys[pixels.seen] = halves(keys[pixels.seen])
             half = keys[pixels.tile]
             for cover in range(4):
@@ -233,7 +233,7 @@ def test_an_image_has_the_tiles_of_the_side_that_is_asked_for() -> None:
     found = []
     for side in (130.0, 390.0, 130.0):
         with tiles_of(side):
-            found.append(pixels_of(IMAGE, SCENE, **KEY).tile)
+            found.append(pixels_of([IMAGE], SCENE, **KEY).tile)
     fine, coarse, again = found
     assert len(np.unique(fine)) > 3 * len(np.unique(coarse))
     np.testing.assert_array_equal(again, fine)
@@ -259,7 +259,7 @@ def test_tiles_that_hold_scored_cells_are_those_of_units_with_counts(by: str) ->
 
 
 def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
-    pixels = pixels_of(IMAGE, SCENE, **KEY)
+    pixels = pixels_of([IMAGE], SCENE, **KEY)
     found = evidence_of([IMAGE], SCENE, by="field", **KEY)
     power = IMAGE.apparent_sigma0().reshape(2, -1)
     fields_seen = np.unique(SCENE.field_id[pixels.pixel >= 0])
@@ -279,8 +279,8 @@ def test_cells_of_a_field_are_its_own_and_a_field_that_is_most_of_its_cover_is_o
     scene = replace(SCENE, field_id=field, cover=np.where(wide, 2, SCENE.cover).astype(np.uint8),
                     scored=np.random.default_rng(1).random(field.shape) < 0.7)  # fmt: skip
     with tiles_of(side):
-        pixels = pixels_of(image(scene), scene, **KEY)
-    unit, counts, tile = fields_of(pixels, scene, side)
+        pixels = pixels_of([image(scene)], scene, **KEY)
+    unit, counts, tile = fields_of(pixels, scene)
     used = (pixels.pixel >= 0) & scene.scored
     np.testing.assert_array_equal(unit >= 0, used)
     own, its_tile = field[used], pixels.tile[pixels.pixel[used]]
@@ -381,7 +381,7 @@ def test_segments_are_the_parcels_where_these_differ() -> None:
     more = [few, image(scene, 5.0, 1.25, run_id=2, texture_db=0.0), image(scene, 10.0, 5.4, texture_db=0.0)]
     assert parcels_found(more, scene)[0] > index
     # All cells are in one segment each, whose evidence is the mean over its pixels; a segment lies in one tile.
-    pixels = pixels_of(few, scene, **KEY)
+    pixels = pixels_of([few], scene, **KEY)
     assert found.counts.sum() == pixels.counts.sum()
     place = int(found.counts.sum(axis=1).argmax())
     mine = np.unique(pixels.pixel[unit_of_cell == place])
@@ -399,7 +399,7 @@ def test_even_ground_is_not_cut_by_the_noise_of_coarser_pixels() -> None:
     fine, coarse = image(even, 5.0, 1.25, texture_db=0.0), image(even, 20.0, 5.4, texture_db=0.0)
     for images in ([fine, coarse], [image(even, 20.0, 5.4, texture_db=0.0, pixel_m=5.0)]):
         found = evidence_of(images, even, by="segment", **KEY)
-        assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[0], even, **KEY).tile)), abs=2)
+        assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[:1], even, **KEY).tile)), abs=2)
 
 
 def test_segments_score_between_pixels_and_fields() -> None:

@@ -77,7 +77,7 @@ def test_fields_of_a_small_scene_are_not_taught_where_they_are_tested():
 def test_tiles_are_squares_and_blind_footprints_hold_no_cells():
     s = land(("class 0", "class 1"))
     found = image(s, radiometer(**FINE), Table((0.5, 0.9)))
-    pixels = pixels_of(found, s, seed=1, run_id=1)
+    pixels = pixels_of([found], s, seed=1, run_id=1)
     row, column = np.nonzero(pixels.pixel >= 0)
     tile = pixels.tile[pixels.pixel[row, column]]
     # All fields here are smaller than a tile, 250 m, and wholly in one: its cells lie no farther apart than both.
