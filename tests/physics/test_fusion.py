@@ -98,6 +98,17 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
     assert np.std(found) > 0.03
 
 
+def test_covers_depart_on_a_date_nearly_alike_at_two_frequencies_of_a_radiometer():
+    """As places of one class do in TELSEM2: 0.95 between 19 and 37 GHz, 0.73 between 19 and 85."""
+    n, found = 4000, []
+    for ghz in (19.35, 37.0, 85.5):
+        looked = load_emissivity_table().lookup(("Grass",) * n, ghz, "V")
+        sensor = prm_cases.radiometer(frequency_ghz=ghz, channels=("V",))
+        met = draw_radiometer_occasion(sensor, [looked], SCENE, Visit(), seed=1, run_id=2)
+        found.append(met.class_offset[0])
+    assert np.corrcoef(found)[0, 1:] == pytest.approx([0.95, 0.73], abs=0.05)
+
+
 def test_wide_footprints_that_tell_nothing_gain_nothing():
     """Where a footprint was wider than a tile, its noise told the half that it tests where the other had found what."""
     made, gain = prm_cases.Table((0.9, 0.9)), []

@@ -179,3 +179,18 @@ def test_frequencies_are_related_as_their_draws_are(one: float, other: float, to
     assert np.corrcoef(fields)[0, 1] == pytest.approx(related_fields(one, other), abs=0.015)
     assert related_fields(one, one) == pytest.approx(1.0)
     assert related_fields(one, 1.001 * one) == pytest.approx(1.0, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "of_v", "of_h"),
+    [
+        (19.35, 37.0, (0.96, 0.96, 0.96, 0.96, 0.95), (0.95, 0.94, 0.94, 0.93, 0.91)),
+        (37.0, 85.5, (0.79, 0.86, 0.87, 0.85, 0.82), (0.78, 0.84, 0.85, 0.83, 0.78)),
+        (19.35, 85.5, (0.72, 0.78, 0.79, 0.75, 0.70), (0.72, 0.75, 0.75, 0.71, 0.65)),
+    ],
+)
+def test_emissivities_of_two_frequencies_are_related_as_those_of_an_atlas(one, other, of_v, of_h):
+    """TELSEM2, file `correlations`: departures from the mean of each of its five classes of snow-free dry land."""
+    for channel, told in (("V", of_v), ("H", of_h)):
+        draws = [[World(3, k).departure("Grass", "", ghz, channel)[50] for k in range(4000)] for ghz in (one, other)]
+        assert np.corrcoef(draws)[0, 1] == pytest.approx(np.mean(told), abs=0.08)

@@ -13,7 +13,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Calendar
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
-from seqrsm.scattering.worlds import over_soil
+from seqrsm.scattering.worlds import emission_as_ghz, over_soil
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
@@ -159,7 +159,7 @@ def draw_radiometer_occasion(
     warm = float(radiometer.temperature_date_sd_k * weather("temperature", 1)[0])
     moisture = field_moisture(scene, radiometer, mean, visit, MOISTURE_LIMITS, **key)
     temperature = weather("field temperature", n_fields)
-    parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
+    parts, f = 1 + len(CHANNELS), emission_as_ghz(radiometer.frequency_ghz)
     by_name = partial(kept_deviates, seed, run_id, shape=(parts, n_categories), frequency_ghz=f)
     dates = over_dates(visit, "date emissivity", by_name, FAST_DAYS)
     soil = over_dates(visit, "date bare soil", partial(by_name, shape=(parts, 1)), FAST_DAYS)
