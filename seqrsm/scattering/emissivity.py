@@ -52,6 +52,7 @@ MEASURED_GHZ: Final = 100.0
 """Frequency up to which measured land bears out the fits [GHz]: Prigent et al. 2000, IEEE TGRS 38(5)."""
 
 _DEFAULT_FIELD_SD: Final = 0.012
+_DEFAULT_RELATED: Final = 0.9
 _SOIL_MODEL_HIGH_GHZ: Final = 18.0
 _HELD: Final = np.minimum(np.arange(THETA_DEG.size), 80)
 # Beyond the table's last angle everything is held: there a layer hides the ground and the ratio is 0/0.
@@ -138,7 +139,7 @@ class EmissivityLookup:
         Standard deviation from field to field, of the whole category from date to date, and of its mean about that of a
         given ground, as parts of the reflectivity 1 - e, 0 to 1.
     channel_correlation : float64 array (n_categories,)
-        Correlation of the draws of H and V.
+        Correlation of the draws of H and V at grazing; at nadir, where both see the same, it is 1 (`seen_at`).
     mean_sd : float64 array (n_categories,)
         Standard deviation of the mean in emissivity, at nadir and `REFERENCE_MOISTURE` [1].
     status, notes : tuple of str
@@ -157,6 +158,10 @@ class EmissivityLookup:
     mean_sd: FloatArray
     status: tuple[str, ...]
     notes: tuple[str, ...]
+
+    def seen_at(self, squared_sine: float) -> EmissivityLookup:
+        """The same with the correlation of H and V at a look angle, told by the square of its sine."""
+        return replace(self, channel_correlation=1.0 - squared_sine * (1.0 - self.channel_correlation))
 
     def at_angles(self, theta_deg: ArrayLike) -> FloatArray:
         """Emissivity (n_categories, n_moistures, ...) at look angles, linear between whole degrees."""
@@ -275,7 +280,9 @@ class EmissivityTable:
             value = [np.clip(own + course[stage][0], 0.0, 1.0) for own, stage in zip(value, stages, strict=True)]
             mean_sd = [math.hypot(sd, course[stage][1]) for sd, stage in zip(mean_sd, stages, strict=True)]
         closed = np.array([1.0 if day is None else self._closed(*stage) for stage in stages])
-        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in (*names, BARE_SOIL)])
+        spread = np.array(
+            [self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, _DEFAULT_RELATED)) for name in (*names, BARE_SOIL)]
+        )
         if self.world is not None:
             spread[:, 0] *= [self.world.field_factor(name) for name in (*names, BARE_SOIL)]
         sds = np.array([*(closed * spread[:-1, :2].T + (1.0 - closed) * spread[-1, :2, None]), mean_sd])
@@ -402,7 +409,7 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     curves, sd, mean_sd = read_curves(path, printed=False)
     spread = dict(shipped.spread)
     for name, value in sd.items():
-        own = shipped.spread.get(name, (0.0, 0.0, 0.0))
+        own = shipped.spread.get(name, (0.0, 0.0, _DEFAULT_RELATED))
         spread[name] = (value, own[1], own[2])
     return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, str(path), mean_sd, shipped.mixes)
 

@@ -113,11 +113,11 @@ def _expected_lookups(
     """``lookups``, ``of_fields`` and ``of_years`` of `ExpectedGround`."""
     names = scene.categories
     if day is None:
-        lookups = lookups_of(names, radiometer, table, None)
+        lookups = lookups_of(scene, radiometer, table, None)
         none = np.zeros((len(lookups), len(lookups), *lookups[0].emissivity.shape))
         return lookups, none, none
     n = len(names)
-    late = lookups_of(names * len(_LATE_DAYS), radiometer, table, np.repeat(day - _LATE_DAYS, n))
+    late = lookups_of(scene, radiometer, table, np.repeat(day - _LATE_DAYS, n), names * len(_LATE_DAYS))
     reflected = np.array([(1.0 - look.emissivity).reshape(len(_LATE_DAYS), n, -1, THETA_DEG.size) for look in late])
     apart = _LATE_DAYS - _LATE_DAYS[:, None]
     of_field = np.exp(-0.5 * np.square(apart / np.maximum(table.calendar.shift_days(names), 0.1)[:, None, None]))
@@ -131,7 +131,7 @@ def _expected_lookups(
     of_years = np.einsum("y,cykma,dykma->cdkma", of_year, in_year, in_year)
     lookups = [
         replace(look, emissivity=1.0 - own)
-        for look, own in zip(lookups_of(names, radiometer, table, day), mean, strict=True)
+        for look, own in zip(lookups_of(scene, radiometer, table, day), mean, strict=True)
     ]
     return lookups, square - of_years, of_years - mean[:, None] * mean
 

@@ -23,7 +23,7 @@ from seqrsm.score.utilities import Asked
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.occasion import draw_ground_state
 from seqrsm.simulate.radar.psm import simulate_radar
-from seqrsm.simulate.radiometer.prm import simulate_radiometer
+from seqrsm.simulate.radiometer.prm import lookups_of, simulate_radiometer
 from seqrsm.simulate.visits import Visit
 
 CROPS = ("Wheat", "Corn", "Grass", "Vegetables")
@@ -104,9 +104,25 @@ def test_covers_depart_on_a_date_nearly_alike_at_two_frequencies_of_a_radiometer
     for ghz in (19.35, 37.0, 85.5):
         looked = load_emissivity_table().lookup(("Grass",) * n, ghz, "V")
         sensor = prm_cases.radiometer(frequency_ghz=ghz, channels=("V",))
-        met = draw_radiometer_occasion(sensor, [looked], SCENE, Visit(), seed=1, run_id=2)
+        met = met_on_time(sensor, [looked], SCENE, Visit(), seed=1, run_id=2)
         found.append(met.class_offset[0])
     assert np.corrcoef(found)[0, 1:] == pytest.approx([0.95, 0.73], abs=0.05)
+
+
+def test_h_and_v_see_fields_alike_at_nadir_and_as_covers_at_53_degrees():
+    """At nadir they are one channel: were fields not the same to both, H+V would tell covers apart by H seen twice."""
+    table, found = load_emissivity_table(), []
+    for more in ({"altitude_m": 200e3}, {"altitude_m": 1000.0}, {"conical_incidence_deg": 53.0}):
+        both = prm_cases.radiometer(channels=("H", "V"), **more)
+        looks = lookups_of(SCENE, both, table, None)
+        met = [met_on_time(both, looks, SCENE, Visit(), seed=1, run_id=run) for run in range(8)]
+        parts = np.hstack([one.field_offset / np.array([look.field_part[0] for look in looks])[:, None] for one in met])
+        found.append(np.corrcoef(parts)[0, 1])
+    # 1920 m wide, from 1 km: the mean of the sine's square, by a sum over the cells.
+    across = (np.arange(192) - 95.5) * 10.0
+    of_sweep = 1.0 - 0.1 * np.mean(across**2 / (across**2 + 1e6))
+    assert found == pytest.approx([1.0, of_sweep, 1.0 - 0.1 * np.sin(np.deg2rad(53.0)) ** 2], abs=0.01)
+    assert found[0] > 0.9999
 
 
 def test_wide_footprints_that_tell_nothing_gain_nothing():

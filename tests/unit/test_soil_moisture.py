@@ -297,7 +297,7 @@ def test_the_covariance_is_that_of_what_is_drawn() -> None:
         wanted = np.empty((2, 2))
         for a, one in enumerate(ground.lookups):
             for b, other in enumerate(ground.lookups):
-                related = 1.0 if a == b else 0.7
+                related = 1.0 if a == b else 1.0 - 0.1 * np.sin(np.deg2rad(40.0)) ** 2
                 reflected = [
                     [1.0 - np.interp(angle, np.arange(91.0), kind[node]) for kind in look.emissivity]
                     for look in (one, other)

@@ -72,7 +72,7 @@ def test_covers_of_a_class_are_related_as_their_departures_are(kin: tuple[str, s
 
 def test_h_and_v_of_emissivity_part_as_the_square_of_the_sine() -> None:
     h, v = (drawn("Wheat", "", 1.4, polarization, 45) for polarization in ("H", "V"))
-    assert np.corrcoef(h, v)[0, 1] == pytest.approx(1.0 - 0.3 * 0.5, abs=0.03)
+    assert np.corrcoef(h, v)[0, 1] == pytest.approx(1.0 - 0.1 * 0.5, abs=0.01)
 
 
 def test_h_and_v_of_emissivity_meet_at_nadir() -> None:
@@ -194,3 +194,10 @@ def test_emissivities_of_two_frequencies_are_related_as_those_of_an_atlas(one, o
     for channel, told in (("V", of_v), ("H", of_h)):
         draws = [[World(3, k).departure("Grass", "", ghz, channel)[50] for k in range(4000)] for ghz in (one, other)]
         assert np.corrcoef(draws)[0, 1] == pytest.approx(np.mean(told), abs=0.08)
+
+
+def test_h_and_v_of_a_cover_depart_as_those_of_an_atlas():
+    """The same file, at 53 deg, 19 and 37 GHz: 0.94 of the five classes on average."""
+    told = (0.96, 0.96, 0.96, 0.94, 0.92, 0.96, 0.95, 0.95, 0.92, 0.88)
+    draws = [[World(3, k).departure("Grass", "", 19.35, channel)[53] for k in range(4000)] for channel in "HV"]
+    assert np.corrcoef(draws)[0, 1] == pytest.approx(np.mean(told), abs=0.02)

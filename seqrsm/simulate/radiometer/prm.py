@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def simulate_radiometer(
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
     stages = stages_of(scene, table.calendar, visit, seed=seed, run_id=run_id)
-    lookups = lookups_of(stages.categories, radiometer, table, stages.day)
+    lookups = lookups_of(scene, radiometer, table, stages.day, stages.categories)
     occasion = draw_radiometer_occasion(radiometer, lookups, stages, scene, visit, seed=seed, run_id=run_id)
     frame = replace(frame, cover=stages.of_cells(frame.cover, frame.field))
     planck_k = radiometer.planck_used_k
@@ -121,10 +122,30 @@ class Meeting:
 
 
 def lookups_of(
-    categories: Sequence[str], radiometer: RadiometerConfiguration, table: EmissivityTable, day: ArrayLike | None
+    scene: Scene,
+    radiometer: RadiometerConfiguration,
+    table: EmissivityTable,
+    day: ArrayLike | None,
+    categories: Sequence[str] = (),
 ) -> list[EmissivityLookup]:
-    """Emissivities of covers on a day of the year, one table for each channel."""
-    return [table.lookup(categories, radiometer.frequency_ghz, channel, day=day) for channel in radiometer.channels]
+    """Emissivities of a scene's covers, or of ``categories``, on a day of the year, one table for each channel.
+
+    What H and V have in common of fields and dates is that at the scene's mean square of the sine of the look angle.
+    """
+    look = partial(table.lookup, categories or scene.categories, radiometer.frequency_ghz, day=day)
+    squared_sine = _mean_squared_sine(scene, radiometer)
+    return [look(channel).seen_at(squared_sine) for channel in radiometer.channels]
+
+
+def _mean_squared_sine(scene: Scene, radiometer: RadiometerConfiguration) -> float:
+    """Of the look angles over a scene: of a cone its own, else the mean of x**2 / (x**2 + h**2) across the track."""
+    if radiometer.conical:
+        return math.sin(math.radians(radiometer.conical_incidence_deg)) ** 2
+    _, mean, _ = known_heights(scene)
+    tangent = 0.5 * scene.shape[radiometer.quarter_turns % 2] * scene.cell_m / max(radiometer.altitude_m - mean, 1.0)
+    if radiometer.scan_half_angle_deg > 0.0:
+        tangent = min(tangent, math.tan(math.radians(radiometer.scan_half_angle_deg)))
+    return 1.0 - math.atan(tangent) / tangent
 
 
 def air_over(radiometer: RadiometerConfiguration, planck_k: float) -> Atmosphere:
@@ -149,7 +170,7 @@ def check_radiometer(
     _, mean, _ = known_heights(scene)
     if radiometer.temperature == "layer":
         temperature_layer(scene)
-    lookups_of(scene.categories, radiometer, table, day)
+    lookups_of(scene, radiometer, table, day)
     rows, columns = scene.shape if radiometer.quarter_turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
 
