@@ -13,7 +13,7 @@ import numpy as np
 from seqrsm.fit import ensemble
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.target import build_target
-from seqrsm.scattering.calendar import SHIPPED
+from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score import evidence
 from seqrsm.score.classification import UtilityScore
@@ -26,10 +26,9 @@ from seqrsm.simulate.radiometer.occasion import (
     Stages,
     draw_radiometer_occasion,
     nominal_radiometer_occasion,
-    stages_of,
 )
 from seqrsm.simulate.radiometer.result import RadiometerImage
-from seqrsm.simulate.visits import ONCE, Visit
+from seqrsm.simulate.visits import Visit
 
 
 @contextmanager
@@ -60,7 +59,8 @@ def still_radiometer(scene: Scene, radiometer: Any, table: Any, **options: Any) 
 
 def met_on_time(radiometer: Any, lookups: Any, scene: Scene, visit: Visit, **key: int) -> RadiometerOccasion:
     """What a radiometer meets where neither years nor fields are early or late."""
-    stages = stages_of(scene, SHIPPED, ONCE, **key)
+    names = lookups[0].categories
+    stages = Stages(names, None, np.arange(len(names)), categories_of_fields(scene))
     return draw_radiometer_occasion(radiometer, lookups, stages, scene, visit, **key)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import prm_cases
 import psm_cases
@@ -147,18 +145,13 @@ def test_wide_footprints_that_tell_nothing_gain_nothing():
 
 def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
     """Emissivities of covers depart with the weather, which falls to 1/e in 4.5 days, as backscatter does."""
-    days, n = (120.0, 121.0, 130.0), 250
-    ground = replace(SCENE, categories=tuple(f"grass {k}" for k in range(n)))
+    days, n = (120.0, 121.0, 130.0), 4000
     looked = load_emissivity_table().lookup(("Grass",) * n, 10.7, "H")
     sensor = prm_cases.radiometer(frequency_ghz=10.7)
 
     def met(*days):
         visits = [Visit(days, t) for t in range(len(days))]
-        runs = [
-            [met_on_time(sensor, [looked], ground, v, seed=1, run_id=run).class_offset[0] for v in visits]
-            for run in range(32)
-        ]
-        return np.concatenate(runs, axis=1)
+        return np.array([met_on_time(sensor, [looked], SCENE, v, seed=1, run_id=2).class_offset[0] for v in visits])
 
     found = met(*days)
     apart = np.abs(np.subtract.outer(days, days))

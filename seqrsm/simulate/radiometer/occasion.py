@@ -147,8 +147,7 @@ def draw_radiometer_occasion(
     on a date fades with its weather; where crops leave soil bare it is the soil's. Moistures stay between the table's
     ends.
     """
-    n_stages, n_fields = len(stages.parent), len(stages.of_field)
-    n_categories = len(scene.categories)
+    n_stages, n_categories, n_fields = len(stages.parent), int(stages.parent.max()) + 1, len(stages.of_field)
     key = {"seed": seed, "run_id": run_id}
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     mean = float(low + moisture_share(visit, **key) * (high - low))
