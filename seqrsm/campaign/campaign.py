@@ -46,6 +46,12 @@ def silent(*_: object) -> None:
     """Tell nobody."""
 
 
+def all_failed(runs: Sequence[RunRecord]) -> UserError:
+    """That none of these runs has a score, with each reason, the latest first, 5 at most."""
+    reasons = list(dict.fromkeys(run.reason for run in reversed(runs)))[:5]
+    return UserError(*(Problem(f"none of these {len(runs)} runs has a score: {reason}") for reason in reasons))
+
+
 class Campaign:
     """A campaign folder, open.
 

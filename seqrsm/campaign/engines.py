@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.errors import SpecError, UserError
-from seqrsm.own_code import import_remedy, own_function
+from seqrsm.own_code import ending_copies, import_remedy, own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -213,26 +213,26 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         It cannot be imported, raises, or returns no finite score.
     """
     function = find_utility(name)
+    short = Path(name).name
     try:
-        found = function(image, scene, seed=seed, run_id=run_id)
+        with ending_copies():
+            found = function(image, scene, seed=seed, run_id=run_id)
     except UserError:
         raise
     except (Exception, SystemExit) as error:  # the user's function may do anything
         _, *places = traceback.extract_tb(error.__traceback__)
-        text = f"the utility failed: {_words(error)}"
+        text = f"{short} failed: {_words(error)}"
         remedy = "Let it take (image, scene, *, seed, run_id)."
         if places:
             remedy = f"See line {places[-1].lineno} of {places[-1].filename}."
-        raise SpecError(text, remedy, field=_FIELD, value=name) from error
+        raise SpecError(text, remedy, field=_FIELD) from error
     if isinstance(found, int | float | np.number) and not isinstance(found, bool):
         found = UtilityScore(float(found))
     if not isinstance(found, UtilityScore):
-        text = (
-            f"the utility returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
-        )
-        raise SpecError(text, "Return one of them.", field=_FIELD, value=name)
+        text = f"{short} returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
+        raise SpecError(text, "Return one of them.", field=_FIELD)
     if not math.isfinite(found.value):
-        raise SpecError(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name)
+        raise SpecError(f"{short} returned {found.value}", "Return a finite number.", field=_FIELD)
     return found
 
 

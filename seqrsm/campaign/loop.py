@@ -15,12 +15,12 @@ from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import n_fitted
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, silent
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_failed, silent
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
-from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
+from seqrsm.errors import OvertakenError, StoreError, UserError
 from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]
@@ -228,10 +228,7 @@ class _ClosedLoop:
         last = [run for run in runs if run.batch in batches]
         never = not any(run.state == "scored" for run in runs)
         if never or (len(batches) == _BROKEN_BATCHES and all(run.state == "failed" for run in last)):
-            reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
-            raise UserError(
-                *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
-            )
+            raise all_failed(last)
 
     def _confirmed(self, analyses: tuple[Analysis, ...]) -> tuple[Analysis, ...]:
         """The analyses, with fresh runs at what they recommend where there are none yet."""

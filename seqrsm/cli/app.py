@@ -294,6 +294,7 @@ def simulate(
     folder: Folder, workers: Workers = 1, cluster: Cluster = None, accept: Accepted = False, as_json: AsJson = False
 ) -> None:
     """Simulate the issued runs."""
+    from seqrsm.campaign.campaign import all_failed
     from seqrsm.cli.show import run_row, show_runs
 
     campaign = _opened(folder, accept=accept)
@@ -301,6 +302,8 @@ def simulate(
         told = partial(shown.count, "simulating")
         runs = campaign.carry_out(workers=workers, cluster=cluster, on_progress=told)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
+    if runs and all(run.state == "failed" for run in runs):
+        raise all_failed(runs)
 
 
 @app.command()

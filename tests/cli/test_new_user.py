@@ -86,11 +86,11 @@ def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("return 1 / 0", "ZeroDivisionError: division by zero"),
-        ("return 'good'", "the utility returned str"),
-        ("return float('nan')", "the utility returned nan"),
+        ("return 1 / 0", "utility: mine.py:score failed: ZeroDivisionError: division by zero. See line"),
+        ("return 'good'", "mine.py:score returned str"),
+        ("return float('nan')", "mine.py:score returned nan"),
         ("return = 3", "SyntaxError"),
-        ("raise SystemExit", "the utility failed: SystemExit"),  # it ended the command, with exit code 0
+        ("raise SystemExit", "mine.py:score failed: SystemExit"),  # it ended the command, with exit code 0
     ],
 )
 def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
@@ -98,6 +98,43 @@ def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
     assert words in call("check", folder, code=2)
     assert "mine.py" in call("run", folder, code=2)
     assert not (folder / "campaign.db").exists() or json.loads(call("status", folder, "--json"))["runs"] == {}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no processes are forked here")
+def test_a_utility_that_forks_leaves_no_copy_that_goes_on(own, tmp_path) -> None:
+    """Each went on as the command: it simulated, and wrote scores, too."""
+    calls = tmp_path / "calls"
+    folder = own(
+        f"""import os
+    if run_id in (1, 2) and os.fork() == 0 and run_id == 2:
+        raise ValueError("in the copy")
+    with open({str(calls)!r}, "a") as file:
+        print(run_id, os.getpid(), file=file)
+    return 0.001 * run_id"""
+    )
+    call("propose", folder)
+    command = [sys.executable, "-m", "seqrsm", "simulate", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    assert done.stdout.count("runs completed") == 1, done.stdout
+    by_process: dict[str, list[str]] = {}
+    for run_id, process in (row.split() for row in calls.read_text(encoding="ascii").splitlines()):
+        by_process.setdefault(process, []).append(run_id)
+    copy, program = sorted(by_process.values(), key=len)
+    assert copy == ["1"]
+    assert len(set(program)) >= json.loads(call("status", folder, "--json"))["runs"]["scored"]
+
+
+def test_simulations_that_all_failed_end_with_2_and_are_made_once_the_cause_is_gone(own) -> None:
+    folder = own("raise ValueError('too bright')")
+    call("propose", folder)
+    told = call("simulate", folder, code=2)
+    n_runs = json.loads(call("status", folder, "--json"))["runs"]["failed"]
+    assert f"error: none of these {n_runs} runs has a score: [[application]] utility: mine.py:score failed" in told
+    shown = CliRunner().invoke(app, ["simulate", str(folder), "--json"])
+    assert shown.exit_code == 2
+    assert {run["state"] for run in json.loads(shown.stdout)} == {"failed"}
+    (folder / "mine.py").write_text("def score(image, scene, *, seed, run_id):\n    return 1.0\n", encoding="utf-8")
+    assert f"{n_runs} runs completed" in call("simulate", folder)
 
 
 def test_a_module_that_ends_the_program_when_it_is_imported_is_told(own) -> None:
