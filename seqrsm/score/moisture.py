@@ -13,7 +13,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score.bare_soil import retrieved_fields
-from seqrsm.score.brightness import retrieved_squares
+from seqrsm.score.brightness import BLOCK_M, retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
 from seqrsm.score.evidence import Image
 from seqrsm.score.utilities import Asked
@@ -42,16 +42,21 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     Raises
     ------
     SceneError
-        No scored cell in the image has a cover that shows moisture, or all are equally moist.
+        No scored cell in the image has a cover that shows moisture, or one square or field of them, or all are equally
+        moist.
     """
     days = dict.fromkeys(image.day for image in images)
     dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
     weight, truth, error = (np.concatenate(parts) for parts in zip(*(date[:3] for date in dates), strict=True))
     variance = float(np.mean([date.spread**2 for date in dates]))
-    if not any(date.seen for date in dates):
+    if not any(date.pieces for date in dates):
         text = "no scored cells have retrievable soil moisture"
         remedy = "Choose another utility, bare soil that is not frozen, or days on which fields lie bare."
         raise SceneError(text, remedy, field="utility")
+    if all(date.pieces <= 1 for date in dates):
+        piece = "field" if isinstance(images[0], RadarImage) else f"square of {BLOCK_M:g} m"
+        text = f"soil moisture shows in a single {piece}: there is nothing to compare"
+        raise SceneError(text, "Use a larger scene, or choose another utility.", field="utility")
     if variance == 0.0:
         remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
         raise SceneError("all the ground of a run has the same soil moisture", remedy, field="utility")
@@ -73,7 +78,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
 class _Date(NamedTuple):
     """Pieces of ground on one date: scored cells, moisture and error about their means (n,); bias, expected spread.
 
-    ``seen``: some scored cells show moisture.
+    ``pieces``: how many show moisture in scored cells.
     """
 
     weight: FloatArray
@@ -81,7 +86,7 @@ class _Date(NamedTuple):
     error: FloatArray
     bias: float
     spread: float
-    seen: bool
+    pieces: int
 
 
 def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> _Date:
@@ -95,15 +100,16 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
         retrieved, unit = retrieved_squares(images[0], scene)
     cells, moisture = unit >= 0, images[0].occasion.field_moisture
     own, field = unit[cells], scene.field_id[cells]
+    n_pieces = len(np.unique(own))
     spread = 0.0 if moisture is None else expected_spread(sensors[0], scene, own, field)
     if moisture is None or spread == 0.0:
-        return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0, bool(cells.any()))
+        return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0, n_pieces)
     weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
     used = weight > 0.0
     truth = np.bincount(own, moisture[field], len(retrieved))[used] / weight[used]
     error = retrieved[used] - truth
     level, bias = np.average(truth, weights=weight[used]), float(np.average(error, weights=weight[used]))
-    return _Date(weight[used], truth - level, error - bias, bias, spread, True)
+    return _Date(weight[used], truth - level, error - bias, bias, spread, n_pieces)
 
 
 def refuse_combination(sensors: Sequence[Sensor]) -> None:

@@ -425,6 +425,24 @@ def test_ground_that_shows_no_moisture_is_refused() -> None:
         score_moisture([found], s, ERROR, seed=1, run_id=1)
 
 
+def test_a_scene_within_one_square_is_told_to_be_larger() -> None:
+    """It was told to let fields differ, which helps nowhere where there is one square."""
+    s = scene(np.zeros((24, 24)), 10.0, np.zeros((24, 24), int), FIELD[:24, :24], ("Bareground",))
+    found = simulate_radiometer(s, radiometer(**BAND), load_emissivity_table(), seed=2, run_id=1)
+    words = "soil moisture shows in a single square of 250 m: there is nothing to compare.* Use a larger scene"
+    with pytest.raises(SceneError, match=words) as told:
+        score_moisture([found], s, ERROR, seed=1, run_id=1)
+    assert "differ" not in str(told.value)
+
+
+def test_a_radar_that_sees_a_single_bare_field_is_told_so() -> None:
+    cover = np.where(FIELD[:40, :40] == 0, 0, 1)
+    s = scene(np.zeros((40, 40)), 10.0, cover, FIELD[:40, :40], ("Bareground", "Trees"))
+    found = radar_image(s, load_sigma0_table())
+    with pytest.raises(SceneError, match="soil moisture shows in a single field"):
+        score_moisture([found], s, ERROR, seed=1, run_id=1)
+
+
 def test_footprints_that_scatter_more_than_is_stated_are_believed_less() -> None:
     """30 K of noise that nothing accounts for: taken at its word it would spread squares by 0.036 m3/m3, not 0.009."""
     s = land(("Bareground", "Grass"))
@@ -896,7 +914,7 @@ def test_standard_errors_are_those_of_normal_errors(monkeypatch: pytest.MonkeyPa
     """Of n errors of sd s: s / sqrt(2 n) of the root mean square, s^2 sqrt(2 / n) of its square, over the variance."""
     n, sd, spread = 20_000, 0.03, 0.05
     draw = np.random.default_rng(0).standard_normal((2, n))
-    date = moisture._Date(np.ones(n), spread * draw[0], sd * draw[1], 0.0, spread, True)
+    date = moisture._Date(np.ones(n), spread * draw[0], sd * draw[1], 0.0, spread, n)
     monkeypatch.setattr(moisture, "_compared", lambda *_: date)
     images = [SimpleNamespace(day=None)]
     error, skill = (score_moisture(images, None, asked, seed=0, run_id=0) for asked in (ERROR, SKILL))
