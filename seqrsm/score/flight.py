@@ -196,6 +196,10 @@ class _Reader(CellReader):
     def row(self, line: int, cells: Sequence[str]) -> MeasuredScore | None:
         """The row's score; None when it has errors or is not scored yet."""
         before = len(self.problems)
+        if self.factors and not self.has_settings(cells):
+            remedy = "Give them; if it holds means or a total, remove the line."
+            self.add("the row has no settings", remedy, line)
+            return None
         text = {name: self.cell(cells, name) for name in OPTIONAL}
         run_id = self.whole(text["run_id"], line, "run_id", 1)
         application = self.application(text["application"], line)
@@ -228,6 +232,14 @@ class _Reader(CellReader):
         metadata = {name: self.cell(cells, name) for name in others}
         named = {name: text[name] for name in ("block", "source", "date", "note")}
         return MeasuredScore(line, run_id, application, settings, score, se, n, correct, **named, metadata=metadata)
+
+    def has_settings(self, cells: Sequence[str]) -> bool:
+        """Whether any factor's cell of a row is filled; a word, such as "mean", alone among several fills none."""
+        given = [(factor, text) for factor in self.factors if (text := self.cell(cells, factor.name))]
+        if len(given) != 1 or len(self.factors) == 1:
+            return bool(given)
+        ((factor, text),) = given
+        return any(map(str.isdigit, text)) if factor.levels is None else text in factor.levels
 
     def numbers(
         self, text: Mapping[str, str], line: int, measure: Measure
