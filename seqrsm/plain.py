@@ -38,6 +38,11 @@ def counted(n: int, one: str, many: str = "") -> str:
     return f"{n} {one if n == 1 else many or f'{one}s'}"
 
 
+def few(numbers: Sequence[int | None]) -> str:
+    """The first ten, as in "1, 2, 5"."""
+    return ", ".join(str(number) for number in numbers[:10]) + (", ..." if len(numbers) > 10 else "")
+
+
 def heading(title: str, unit: str) -> str:
     """Title with its unit, where it has one, as on an axis or over a column."""
     return f"{title} [{unit}]" if unit else title

@@ -17,10 +17,11 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.experiment import see_utilities
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
 from seqrsm.errors import Problem, SpecError
+from seqrsm.plain import counted, few
 from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
-from seqrsm.score.flight import MeasuredScore, ScoresFile
+from seqrsm.score.flight import OPTIONAL, MeasuredScore, ScoresFile
 from seqrsm.spec.read import CampaignSpec, placed
-from seqrsm.store.records import IngestedFile, RankingRecord, RunRecord
+from seqrsm.store.records import WAITING, IngestedFile, RankingRecord, RunRecord
 from seqrsm.store.store import Store
 from seqrsm.units import unit_factor, units_like
 
@@ -72,14 +73,15 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
         *_twice(file),
         *_corrections(spec, file, scored),
         *_void(file, runs),
+        *_waiting(file, runs),
         *_to_be_simulated(file, runs if spec.simulator else ()),
     ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
         first, value = rows[0]
-        more = (
-            f" (so {len(rows) - 1} more {'row' if len(rows) == 2 else 'rows'}: {_lines(rows[1:])})" if rows[1:] else ""
-        )
+        others = [row.line for row, _ in rows[1:]]
+        lines = f"{'line' if len(others) == 1 else 'lines'} {few(others)}"
+        more = f" (so {counted(len(others), 'more row')}: {lines})" if others else ""
         problems.append(Problem(message + more, hint, file.name, first.line, column, value))
     return problems
 
@@ -146,11 +148,6 @@ def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             message = f"scored runs lie more than a hundred times the width of the range of '{factor.name}' outside it"
             problem = Problem(message, "Restore it, or void those runs.", field="range", value=span(factor))
             raise SpecError(placed(spec, problem, "factor", k))
-
-
-def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:
-    shown = ", ".join(str(row.line) for row, _ in rows[:8])
-    return f"line {shown}" if len(rows) == 1 else f"lines {shown}{', ...' if len(rows) > 8 else ''}"
 
 
 def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
@@ -255,8 +252,13 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
             own = f"the block '{run.block}'" if run.block else "no block"
             yield row, column, block, f"run {run.run_id} is of {own}", hint
         elif none and row.source != "simulation" and not (run and run.block):
-            hint = "Fill it in: of merged cells only the first row has the content."
-            yield row, column, block or None, "no block", hint
+            message, hint = "no block", "Fill it in: of merged cells only the first row has the content."
+            if column not in (*OPTIONAL, *row.metadata):
+                message, hint = (
+                    "there is no such column",
+                    f"Add it, or name a column of yours so: {', '.join(row.metadata)}",
+                )
+            yield row, column, block or None, message, hint
         elif block and not other:
             known.append(block)
         elif other != block:
@@ -321,6 +323,17 @@ def _void(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
         if run is not None and old is not None and old.score == row.score:
             found = f"run {run.run_id} is void ({run.reason}) and had this score"
             yield row, "score", row.score, found, "Leave the cell empty, or use --accept to make it count again."
+
+
+def _waiting(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
+    """Scores without a run id of flights that were proposed: as new runs they would leave them to be flown again."""
+    waiting = [run for run in runs if run.state in WAITING and run.source == "flight"]
+    rows = [row for row in file.scores if row.run_id is None and row.source != "simulation"]
+    meant = [run.run_id for run in waiting if any(row.settings == run.proposed for row in rows)]
+    hint = f"Give the run ids ({few(meant)}) in a column run_id, or use --accept if these are other flights"
+    for row in rows:
+        if any(row.settings == run.proposed for run in waiting):
+            yield row, "run_id", None, "settings of a flight that waits for its score", hint
 
 
 def _to_be_simulated(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:

@@ -18,7 +18,7 @@ from typing import Any
 from seqrsm.campaign.export import factor_columns
 from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_meaning, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.plain import counted, shallow
+from seqrsm.plain import counted, few, shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
@@ -120,7 +120,7 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
         lost = [run.run_id for run in ranked if run.run_id in summary.apart]
         if lost:
             what = (
-                f"{'run' if len(lost) == 1 else 'runs'} {_few(lost)} would lose their scores of '{summary.application}'"
+                f"{'run' if len(lost) == 1 else 'runs'} {few(lost)} would lose their scores of '{summary.application}'"
             )
             message = f"{what}: no chain of rankings joins them with the others"
             problems.append(Problem(message, "Rank some of their images together with the others.", read[-1][0].name))
@@ -256,9 +256,9 @@ def _remarks(outside: Sequence[int], unscored: Sequence[int] = ()) -> list[str]:
     """Lines with settings outside the region, and lines without a score."""
     found = []
     if outside:
-        found.append(f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}.")
+        found.append(f"Scores kept although outside the campaign's region (lines {few(outside)}): {len(outside)}.")
     if unscored:
-        lines = f"{'line' if len(unscored) == 1 else 'lines'} {_few(unscored)}"
+        lines = f"{'line' if len(unscored) == 1 else 'lines'} {few(unscored)}"
         rows = counted(len(unscored), "row has", "rows have")
         found.append(f"{rows} no score yet and may be ingested later ({lines}).")
     return found
@@ -273,12 +273,12 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
     if outcome.replaced:
         old, new = zip(*outcome.replaced, strict=True)
         one, many = "Run {} takes the place of run {}, which is", "Runs {} take the places of runs {}, which are"
-        messages.append(f"{(one if len(old) == 1 else many).format(_few(new), _few(old))} void.")
+        messages.append(f"{(one if len(old) == 1 else many).format(few(new), few(old))} void.")
     if outcome.moved:
         count = f"{counted(len(outcome.moved), 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
-        messages.append(f"{count} made at other settings ({_few(outcome.moved)}); both are kept.")
+        messages.append(f"{count} made at other settings ({few(outcome.moved)}); both are kept.")
     if outcome.equal:
-        lines = _few([row.line for row in outcome.equal])
+        lines = few([row.line for row in outcome.equal])
         messages.append(
             f"{counted(len(outcome.equal), 'score')} without a run id not counted twice, equal to earlier scores in "
             f"every column that both have (lines {lines}). A true repeat must differ in a column such as date."
@@ -314,11 +314,7 @@ def ranking_messages(summary: RankingSummary) -> list[str]:
         )
     if summary.apart:
         messages.append(
-            f"No chain of rankings joins runs {_few(summary.apart)} with the others: they have no score until somebody "
+            f"No chain of rankings joins runs {few(summary.apart)} with the others: they have no score until somebody "
             "ranks images of both together."
         )
     return messages
-
-
-def _few(numbers: Sequence[int | None]) -> str:
-    return ", ".join(str(number) for number in numbers[:10]) + (", ..." if len(numbers) > 10 else "")

@@ -274,6 +274,9 @@ def propose(
 
     campaign = _opened(folder)
     if form is not None:
+        if any(one is not None for one in (n, source, csv)):
+            remedy = "Use --csv FILE to issue flights and write their form, or --form FILE alone."
+            raise UserError("--form issues no runs: -n, --source and --csv have no effect", remedy)
         say(f"wrote {form}: {campaign.opened.write_form(form)} flights")
         return
     with display("choosing the next runs"):

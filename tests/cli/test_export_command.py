@@ -166,4 +166,6 @@ def test_the_form_of_flights_that_are_issued_is_written_again(flown, tmp_path):
     lines = (tmp_path / "first.csv").read_text().splitlines()
     assert (tmp_path / "all.csv").read_text().splitlines()[-len(lines) + 1 :] == lines[1:]
     assert "exists already" in call("propose", flown, "--form", tmp_path / "all.csv", code=2)
+    told = call("propose", flown, "--source", "flight", "--form", tmp_path / "new.csv", code=2)  # "issue flights first"
+    assert "Use --csv FILE to issue flights and write their form" in told
     assert not list(tmp_path.glob("*.part"))

@@ -712,6 +712,29 @@ def test_an_empty_block_among_others_is_held_back(make):
     assert "3 new runs" in folder.ingest(rows, "--accept")
 
 
+def test_a_column_of_days_that_is_not_there_is_told(make):
+    """It was told to fill in cells of a column that the file has not."""
+    told = make('[model]\nblock = "day"').ingest(f"{HEADER},Flight day\n2,12,HH,70,Monday\n3,12,HH,71,Monday\n", code=2)
+    assert "scores.csv:2: day: there is no such column (so 1 more row: line 3)" in told
+    assert "Add it, or name a column of yours so: Flight day" in told
+
+
+def test_flights_that_wait_are_not_flown_twice_for_want_of_their_run_ids(make):
+    """A column "Run" was kept as one of the user's own: the flights were new runs, and the proposed ones waited on."""
+    folder = make()
+    folder.call("propose", "-n", 3, "--csv", folder.path / "form.csv")
+    header, *rows = (folder.path / "form.csv").read_text(encoding="utf-8").splitlines()
+    names = header.replace("run_id", "Run").split(",")
+    score = names.index("score")
+    flown = [row.split(",")[:score] + [str(60 + k)] + [""] * (len(names) - score - 1) for k, row in enumerate(rows)]
+    text = "\n".join(",".join(row) for row in [names, *flown])
+    told = folder.ingest(text, code=2)
+    ids = [row.split(",")[0] for row in rows]
+    assert f"scores.csv:2: run_id: settings of a flight that waits for its score (so {len(ids) - 1} more rows" in told
+    assert f"Give the run ids ({', '.join(ids[:8])}" in told
+    assert "proposed runs scored" in folder.ingest(text.replace("Run,", "run_id,", 1))
+
+
 @pytest.mark.parametrize("unit", ["percent", "%"])
 def test_fractions_are_no_percentages_of_a_measured_score_either(tmp_path, unit):
     spec = SPEC.format(more=f'unit = "{unit}"').replace("percent_correct", "measured")
