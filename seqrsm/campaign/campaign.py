@@ -46,6 +46,11 @@ def silent(*_: object) -> None:
     """Tell nobody."""
 
 
+def _told(tell: Progress, before: int, n: int, done: int, more: int) -> None:
+    """Tell how many runs are done of all, where ``more`` are carried out at once and ``before`` were already."""
+    tell(before + done, max(n, before + more))
+
+
 def all_failed(runs: Sequence[RunRecord]) -> UserError:
     """That none of these runs has a score, with each reason, the latest first, 5 at most."""
     reasons = list(dict.fromkeys(run.reason for run in reversed(runs)))[:5]
@@ -273,11 +278,14 @@ class Campaign:
         self._see_simulator(note=True)
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
+        n_issued = sum(run.state in WAITING for run in self.store.runs(source="simulation"))
         carried: set[int] = set()
         try:
-            while claimed := self.store.claim():
+            # One at a time leaves the others to further processes, as those of a job array are.
+            while claimed := self.store.claim(1 if workers == 1 and cluster is None else None):
+                told = partial(_told, on_progress, len(carried), n_issued)
                 carried |= {run.run_id for run in claimed}
-                self._carry_out(claimed, workers, cluster, on_progress)
+                self._carry_out(claimed, workers, cluster, told)
         finally:
             self.store.release()
         if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores

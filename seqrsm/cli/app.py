@@ -36,6 +36,7 @@ from seqrsm.cli.console import (
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, parameters, schema
 from seqrsm.errors import SpecError, UserError
+from seqrsm.plain import counted
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -305,6 +306,8 @@ def simulate(
         told = partial(shown.count, "simulating")
         runs = campaign.carry_out(workers=workers, cluster=cluster, on_progress=told)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
+    if others := campaign.opened.store.runs("running", source="simulation"):
+        say(f"another command is simulating {counted(len(others), 'run')}")
     if runs and all(run.state == "failed" for run in runs):
         raise all_failed(runs)
 

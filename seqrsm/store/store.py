@@ -190,13 +190,15 @@ class Store:
             ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
             return ids
 
-    def claim(self) -> tuple[RunRecord, ...]:
+    def claim(self, most: int | None = None) -> tuple[RunRecord, ...]:
         """Take proposed or issued simulations for this process to carry out; no two processes get the same run.
+
+        ``most``: so many at once, the first; all by default.
 
         Returns the runs, now in state "running".
         """
         free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == "simulation")
-        query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id)
+        query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id).limit(most)
         with self._write() as ledger:
             ids = tuple(ledger.connection.execute(query).scalars())
             now = utc_now()

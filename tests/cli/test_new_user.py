@@ -124,6 +124,21 @@ def test_a_utility_that_forks_leaves_no_copy_that_goes_on(own, tmp_path) -> None
     assert len(set(program)) >= json.loads(call("status", folder, "--json"))["runs"]["scored"]
 
 
+def test_several_shells_share_the_runs_of_one_campaign(own) -> None:
+    """The first took all of them: a job array of `simulate` was one job, and the others ended with 0 runs."""
+    folder = own("__import__('time').sleep(0.4); return 0.001 * run_id")
+    call("propose", folder)
+    command = [sys.executable, "-m", "seqrsm", "simulate", str(folder)]
+    jobs = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    told = [job.communicate(timeout=300) for job in jobs]
+    assert [job.returncode for job in jobs] == [0, 0], told
+    shares = [int(out.splitlines()[-1].split()[0]) for out, _ in told]
+    runs = json.loads(call("status", folder, "--json"))["runs"]
+    assert min(shares) > 0
+    assert runs == {"scored": sum(shares)}
+    assert sum("another command is simulating 1 run" in err for _, err in told) == 1
+
+
 def test_simulations_that_all_failed_end_with_2_and_are_made_once_the_cause_is_gone(own) -> None:
     folder = own("raise ValueError('too bright')")
     call("propose", folder)
