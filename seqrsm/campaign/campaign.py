@@ -25,10 +25,11 @@ from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
+from seqrsm.plain import plain
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec, placed
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
+from seqrsm.store.records import CONFIRMATION, WAITING, LookRecord, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
@@ -128,6 +129,17 @@ class Campaign:
             # Another score in a void run's place moves s, which a look without scatter keeps as None.
             if not np.isclose(np.nan if then is None else then, analysis.fit.s, rtol=1e-9, atol=0.0, equal_nan=True):
                 self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
+
+    def looks(self, analyses: Sequence[Analysis]) -> tuple[LookRecord, ...]:
+        """Looks so far; the last of each application is what its analysis tells: scores may have come since."""
+        looks = self.store.looks()
+        looked = {look.application for look in looks}
+        present = (
+            LookRecord(len(looks) + 1, one.fit.n_runs, one.application, plain(look_summary(one)), "")
+            for one in analyses
+            if one.application in looked
+        )
+        return (*looks, *present)
 
     # -- proposing ------------------------------------------------------------------------------------------------
 

@@ -49,7 +49,7 @@ def show_fit(
     compromise: CompromiseEstimate | None,
 ) -> None:
     """What `seqrsm fit` says before the summary; ``tests`` are those that were asked for of each analysis."""
-    spec, looks = campaign.spec, campaign.store.looks()
+    spec, looks = campaign.spec, campaign.looks(analyses)
     for analysis, asked in zip(analyses, tests, strict=True):
         if len(analyses) > 1:
             heading(f"Application {analysis.application}")

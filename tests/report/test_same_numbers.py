@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.report.blocks import Bullets, Details, KeyFigures, Paragraph, Table
 from seqrsm.report.content import build_report
+from seqrsm.report.figures.fit import read_looks
 from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
 
 TEXT = """\
@@ -239,3 +242,22 @@ def test_the_share_of_small_residuals_is_that_of_statsmodels(folder):
     (told,) = (block for block in diagnostics_section(analysis, "k").blocks if isinstance(block, Bullets))
     share = f"{100.0 * np.mean(np.abs(found) <= 2.0):.0f} % of the studentised residuals lie within -2 and 2."
     assert plain(told.items[-1]) == share
+
+
+def test_progress_ends_with_the_numbers_of_the_summary(folder: Path, tmp_path: Path) -> None:
+    """Scores that came since the last proposal were on page 1 and not in the table of interim analyses."""
+    own = tmp_path / "campaign"
+    shutil.copytree(folder, own)
+    form, rng = own / "form.csv", np.random.default_rng(5)
+    assert CliRunner().invoke(app, ["propose", str(own), "-n", "6", "--csv", str(form)]).exit_code == 0
+    header, *rows = csv.reader(form.read_text(encoding="utf-8").splitlines())
+    for row in rows:
+        row[header.index("score")] = f"{rng.normal(70.0, 2.0):.3f}"
+    form.write_text("\n".join(",".join(row[:-1]) for row in [header, *rows]), encoding="utf-8")
+    assert CliRunner().invoke(app, ["ingest", str(own), str(form)]).exit_code == 0
+    dossier = assemble(Campaign.open(own))
+    (analysis,) = dossier.analyses
+    *_, before, last = read_looks(dossier.looks, "crops")
+    assert (before.n_runs, last.n_runs) == (40, 46)
+    assert (last.half_width, last.mean) == (analysis.decision.half_width, analysis.optimum.mean)
+    assert last.loss == analysis.posterior.expected_regret

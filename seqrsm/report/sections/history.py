@@ -88,5 +88,5 @@ def _look_table(analysis: Analysis, looks: Sequence[Look], stop: StopSpec) -> Ta
         *map(factor_column, factors),
         "Rule met",
     )
-    caption = "Interval and optimum at each interim analysis. Rule met: all conditions of the stop rule"
+    caption = "Interval and optimum at each interim analysis, and now. Rule met: all conditions of the stop rule"
     return table(caption, columns, rows, sortable=True)
