@@ -257,7 +257,8 @@ class Database:
             if isinstance(error, exc.DBAPIError) and error.connection_invalidated:  # a commit's answer may be missing
                 message = f"the connection to the database was lost ({text})"
                 raise StoreError(message, _LOST, file=self.label) from error
-            if self.path is not None and (missing := _cut_off(self.path)):
+            # What a log holds is not missing: where the disk was full, the header may be ahead of the file.
+            if self.path is not None and not _log_size(self.path) and (missing := _cut_off(self.path)):
                 message = f"the database is damaged: {missing} bytes are missing at its end ({text})"
                 raise StoreError(message, _RESTORE, file=self.label) from error
             for sign, message, remedy in _EXPLANATIONS:
@@ -338,7 +339,7 @@ def _check_path(path: Path, create: bool) -> None:
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
         raise StoreError(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
-    if not _may_write(path.parent) and _has_log(path) and path.with_name(path.name + "-wal").stat().st_size:
+    if not _may_write(path.parent) and _log_size(path):
         message = "the database was not closed, and its last changes can only be read where its folder may be written"
         raise StoreError(message, "Copy the folder to a place that may be written.", file=str(path))
 
@@ -375,6 +376,10 @@ def network_file_system(folder: Path, mounts: str) -> str:
 
 def _has_log(path: Path) -> bool:
     return path.with_name(path.name + "-wal").exists()
+
+
+def _log_size(path: Path) -> int:
+    return path.with_name(path.name + "-wal").stat().st_size if _has_log(path) else 0
 
 
 def _cut_off(path: Path) -> int:

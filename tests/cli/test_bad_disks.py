@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -90,6 +90,34 @@ def test_a_full_disk(folder, spare):
     assert snapshot(folder) == before
     call("ingest", folder, folder / "second.csv")
     assert len(snapshot(folder)[0]) == 830
+
+
+def test_a_full_disk_in_mid_checkpoint_is_no_damage(folder, tmp_path):
+    """The header was brought into the file and its last pages were not: the log holds them. All was told to be lost."""
+    path, before = folder / STORE_NAME, snapshot(folder)
+    with closing(sqlite3.connect(path)) as writer:
+        writer.execute("PRAGMA wal_autocheckpoint = 0")
+        writer.execute("CREATE TABLE more AS SELECT zeroblob(300000) AS much")
+        writer.commit()
+        pages = writer.execute("PRAGMA page_count").fetchone()[0]
+        other = tmp_path / "other"
+        shutil.copytree(folder, other)  # as it lies on the disk, the log beside it
+    with (other / STORE_NAME).open("r+b") as file:
+        file.seek(28)
+        file.write(pages.to_bytes(4, "big"))
+    limit = max((other / STORE_NAME).stat().st_size, 100_000)
+    child = subprocess.run(
+        [sys.executable, "-m", "seqrsm", "ingest", str(other), str(folder / "second.csv")],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        timeout=300,
+        check=False,
+    )
+    assert child.returncode == 2, child.stderr
+    assert "Check the disk and its free space" in child.stderr
+    assert "damaged" not in child.stderr
+    assert snapshot(other) == before
 
 
 @pytest.mark.parametrize(
