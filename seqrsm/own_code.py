@@ -51,17 +51,24 @@ def own_function(name: str) -> Callable[..., Any]:
 
 
 @contextmanager
-def ending_copies() -> Iterator[None]:
-    """Call the user's own function herein: a copy of this process that it forks and leaves ends with the call.
+def contained() -> Iterator[None]:
+    """Call the user's own function herein: what it does to this process ends with it.
 
-    It would go on as the command does, and write to the same store.
+    A copy that it forks and leaves would go on as the command does, and write to the same store. A folder that it
+    changes to would get the results, where their names are relative.
     """
     process = os.getpid()
+    try:
+        folder = os.getcwd()
+    except OSError:  # it is no more
+        folder = ""
     try:
         yield
     finally:
         if os.getpid() != process:
             os._exit(1)
+        if folder:
+            os.chdir(folder)
 
 
 @lru_cache(maxsize=8)

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.errors import SpecError, UserError
-from seqrsm.own_code import ending_copies, import_remedy, own_function
+from seqrsm.own_code import contained, import_remedy, own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -215,7 +215,7 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
     function = find_utility(name)
     short = Path(name).name
     try:
-        with ending_copies():
+        with contained():
             found = function(image, scene, seed=seed, run_id=run_id)
     except UserError:
         raise

@@ -124,6 +124,17 @@ def test_a_utility_that_forks_leaves_no_copy_that_goes_on(own, tmp_path) -> None
     assert len(set(program)) >= json.loads(call("status", folder, "--json"))["runs"]["scored"]
 
 
+def test_a_utility_that_changes_the_folder_takes_no_results_there(own, tmp_path, monkeypatch) -> None:
+    folder = own("__import__('os').chdir('..'); return 0.001 * run_id")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    call("image", folder, "--set", "resolution=20", "--set", "polarization=HH", "--out", "image.npz")
+    assert [path.name for path in (tmp_path / "here").iterdir()] == ["image.npz"]
+    call("propose", folder)
+    call("simulate", folder)
+    assert Path.cwd() == tmp_path / "here"
+
+
 def test_several_shells_share_the_runs_of_one_campaign(own) -> None:
     """The first took all of them: a job array of `simulate` was one job, and the others ended with 0 runs."""
     folder = own("__import__('time').sleep(0.4); return 0.001 * run_id")

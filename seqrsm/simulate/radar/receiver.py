@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError
-from seqrsm.own_code import ending_copies, import_remedy, own_function
+from seqrsm.own_code import contained, import_remedy, own_function
 from seqrsm.sensor.radar import PHASE, RadarConfiguration
 from seqrsm.simulate.radar.result import RadarImage
 
@@ -100,7 +100,7 @@ def named_function(field: str, name: str) -> Transfer:
 
     def stage(power: FloatArray) -> FloatArray:
         try:
-            with ending_copies():
+            with contained():
                 out = np.asarray(function(power.copy()), dtype=np.float64)
         except (Exception, SystemExit) as error:
             text = f"the function failed: {type(error).__name__}: {error}"
