@@ -81,7 +81,7 @@ def build_report(dossier: Dossier) -> Report:
         state=f"{scored} scored runs, up to run {last}; specification {spec.spec_hash[:12]}",
         version=seqrsm.__version__,
         sections=tuple(_numbered(shown, itertools.count(1), itertools.count(1))),
-        profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
+        profiles=tuple(("" if alone else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
 

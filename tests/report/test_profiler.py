@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from report_dossiers import two_uses
 from test_browser import BROWSER
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
@@ -99,6 +100,16 @@ def test_the_recommended_settings_are_those_of_the_first_page(simulated):
     analysis = simulated.analyses[0]
     for factor, shown in zip(analysis.region.factors, profile(analysis)["factors"], strict=True):
         assert shown["values"][shown["start"]] == optimum_setting_text(analysis, factor)
+
+
+def test_beside_a_compromise_it_says_where_it_begins(flight, simulated, built):
+    """Its button, "Recommended settings", led to those of one application, and page 1 recommends the compromise."""
+    for dossier, alone in ((two_uses(flight), False), (simulated, True)):
+        page = html.unescape(render_html(built(dossier)))
+        names = re.findall(r"begin at the optimum of ([^<]*?) alone, not at the compromise", page)
+        assert names == ([] if alone else [one.application for one in dossier.analyses])
+        assert [f'data-start="Optimum of {name} alone"' in page for name in names] == [True] * len(names)
+        assert ('data-start="Recommended settings"' in page) == alone
 
 
 def test_text_cannot_end_its_element(simulated):

@@ -55,7 +55,7 @@
       slider.addEventListener("input", function () { at[j] = Number(slider.value); draw(); });
       return { slider: slider, svg: svg };
     });
-    var back = make(box, "button", { type: "button" }, "Recommended settings");
+    var back = make(box, "button", { type: "button" }, box.getAttribute("data-start"));
     back.addEventListener("click", function () {
       at = factors.map(function (factor) { return factor.start; });
       panels.forEach(function (panel, j) { panel.slider.value = at[j]; });
