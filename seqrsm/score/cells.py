@@ -217,9 +217,10 @@ class CellReader:
         """Columns that must be there and are not."""
         free = self.free_columns()
         if free and self.factors and self.no_factor():
-            remedy = f"Begin the file with a line of names: {', '.join(one.name for one in self.factors)}."
-            self.add("this line is no header: it names no factor", remedy, line)
-            return
+            names = ", ".join(one.name for one in self.factors)
+            remedy = f"Begin the file with a line of names: {names}. Remove what stands above it."
+            # Whatever else is wrong with the line is so for this reason.
+            raise ScoresFileError("this line is no header: it names no factor", remedy, file=self.table.name, line=line)
         for one in self.factors:
             if one.name not in self.columns:
                 self.add("no column for this factor", _rename_hint(one, free), line, one.name)

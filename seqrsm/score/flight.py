@@ -24,6 +24,9 @@ MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
 
 
+_NO_RUN = "Give them, or remove a line of means, totals or units; units go into the header, as frequency [GHz]."
+
+
 @dataclass(frozen=True, slots=True)
 class MeasuredScore:
     """One row of the file.
@@ -197,7 +200,9 @@ class _Reader(CellReader):
         """The row's score; None when it has errors or is not scored yet."""
         before = len(self.problems)
         if self.factors and not self.has_settings(cells):
-            remedy = "Give them; if it holds means or a total, remove the line."
+            remedy = (
+                "Give them, or remove a line of means, totals or units; units go into the header, as frequency [GHz]."
+            )
             self.add("the row has no settings", remedy, line)
             return None
         text = {name: self.cell(cells, name) for name in OPTIONAL}
@@ -234,12 +239,11 @@ class _Reader(CellReader):
         return MeasuredScore(line, run_id, application, settings, score, se, n, correct, **named, metadata=metadata)
 
     def has_settings(self, cells: Sequence[str]) -> bool:
-        """Whether any factor's cell of a row is filled; a word, such as "mean", alone among several fills none."""
-        given = [(factor, text) for factor in self.factors if (text := self.cell(cells, factor.name))]
-        if len(given) != 1 or len(self.factors) == 1:
-            return bool(given)
-        ((factor, text),) = given
-        return any(map(str.isdigit, text)) if factor.levels is None else text in factor.levels
+        """Whether any factor's cell holds a level or something with a digit; in place of levels alone anything may."""
+        given = [(factor.levels, text) for factor in self.factors if (text := self.cell(cells, factor.name))]
+        if all(factor.levels is not None for factor in self.factors):
+            return len(given) == len(self.factors)
+        return any(any(map(str.isdigit, text)) if levels is None else text in levels for levels, text in given)
 
     def numbers(
         self, text: Mapping[str, str], line: int, measure: Measure

@@ -131,8 +131,8 @@ REFUSED = [
     # what instruments, spreadsheets and hands add to a table
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", '"frequency, MHz"')), "to 'frequency [MHz]'."),
     (NUMBERS, text(*GOOD[:3], HEADER, *GOOD[3:]), "scores.csv:5: this is the header again. Remove the line."),
-    (NUMBERS, text("GHz,m,,percent", *GOOD), "Units go into the header, as frequency [GHz]; remove lines"),
-    (NUMBERS, text(*GOOD, "mean,,,65.2"), "remove the line."),
+    (NUMBERS, text("GHz,m,,percent", *GOOD), "units go into the header, as frequency [GHz]"),
+    (NUMBERS, text(*GOOD, "mean,,,65.2"), "remove a line of means"),
     (NUMBERS, text(*GOOD, "3,12,HH,71 %"), "(got '71 %'). Remove the percent sign"),
     (NUMBERS, text(*GOOD, "3,12,HV+HH,70"), "Did you mean 'HH+HV'?"),
     (NUMBERS, text(*GOOD, "3,12,HH\u200b,70"), "Did you mean 'HH'?"),

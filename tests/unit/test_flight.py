@@ -76,14 +76,24 @@ def test_a_setting_in_the_factors_own_unit_is_taken_to_the_last_digit(read):
     assert one.settings["frequency"] == 1.1300000000000001 != 1.13
 
 
-@pytest.mark.parametrize("row", ["Mean,,,,62", ",,,,62", ",mean,,,62", ",,,Mean,62", "Mean,,,,"])
-def test_a_row_of_means_has_one_error(read, row):
+@pytest.mark.parametrize("row", ["Mean,,,,62", ",,,,62", ",mean,,,62", ",,,Mean,62", "Mean,,,,", ",GHz,-,,%"])
+def test_a_row_of_means_or_units_has_one_error(read, row):
     """It had one for each factor, and one for its label in the column of run ids."""
     with pytest.raises(ScoresFileError) as told:
         read(f"run_id,{HEADER}\n1,1,4,HH,61\n2,1,4,VV,63\n{row}\n")
     assert [str(problem) for problem in told.value.problems] == [
-        "scores.csv:4: the row has no settings. Give them; if it holds means or a total, remove the line."
+        "scores.csv:4: the row has no settings. Give them, or remove a line of means, totals or units; "
+        "units go into the header, as frequency [GHz]."
     ]
+
+
+def test_a_title_above_the_header_has_one_error(read):
+    """A spreadsheet's had one for each column without a name besides, and one for the scores."""
+    with pytest.raises(ScoresFileError) as told:
+        read("Flights of team C,,,\n,,,\nfrequency,looks,polarization,score\n1,4,HH,61\n")
+    (problem,) = told.value.problems
+    assert str(problem).startswith("scores.csv:1: this line is no header: it names no factor. Begin the file with")
+    assert problem.remedy.endswith("polarization. Remove what stands above it.")
 
 
 def test_lines_count_blank_lines_and_quoted_breaks(read):
