@@ -43,6 +43,12 @@ def few(numbers: Sequence[int | None]) -> str:
     return ", ".join(str(number) for number in numbers[:10]) + (", ..." if len(numbers) > 10 else "")
 
 
+def more_rows(lines: Sequence[int | None]) -> str:
+    """What follows a message that holds for further lines of a file, too; "" for none."""
+    places = f"{'line' if len(lines) == 1 else 'lines'} {few(lines)}"
+    return f" (so {counted(len(lines), 'more row')}: {places})" if lines else ""
+
+
 def heading(title: str, unit: str) -> str:
     """Title with its unit, where it has one, as on an axis or over a column."""
     return f"{title} [{unit}]" if unit else title

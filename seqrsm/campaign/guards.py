@@ -17,7 +17,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.experiment import see_utilities
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
 from seqrsm.errors import Problem, SpecError
-from seqrsm.plain import counted, few
+from seqrsm.plain import few, more_rows
 from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
 from seqrsm.score.flight import OPTIONAL, MeasuredScore, ScoresFile
 from seqrsm.spec.read import CampaignSpec, placed
@@ -74,14 +74,13 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
         *_corrections(spec, file, scored),
         *_void(file, runs),
         *_waiting(file, runs),
+        *_told_void(file),
         *_to_be_simulated(file, runs if spec.simulator else ()),
     ):
         groups.setdefault((column, message, hint), []).append((row, value))
     for (column, message, hint), rows in groups.items():
         first, value = rows[0]
-        others = [row.line for row, _ in rows[1:]]
-        lines = f"{'line' if len(others) == 1 else 'lines'} {few(others)}"
-        more = f" (so {counted(len(others), 'more row')}: {lines})" if others else ""
+        more = more_rows([row.line for row, _ in rows[1:]])
         problems.append(Problem(message + more, hint, file.name, first.line, column, value))
     return problems
 
@@ -323,6 +322,21 @@ def _void(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:
         if run is not None and old is not None and old.score == row.score:
             found = f"run {run.run_id} is void ({run.reason}) and had this score"
             yield row, "score", row.score, found, "Leave the cell empty, or use --accept to make it count again."
+
+
+def _told_void(file: ScoresFile) -> _Found:
+    """Scores of runs that a column of the user's own, a note, or the state in an export calls void."""
+    for row in file.scores:
+        told = {**row.metadata, "note": row.note}
+        for column, text in told.items():
+            if text.casefold().startswith(("void", "invalid")):
+                yield (
+                    row,
+                    column,
+                    text,
+                    "the run is told to be void and has a score",
+                    "Empty its score, or remove the row.",
+                )
 
 
 def _waiting(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:

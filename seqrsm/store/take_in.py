@@ -15,7 +15,7 @@ import numpy as np
 import sqlalchemy as sa
 
 from seqrsm.errors import Problem, StoreError
-from seqrsm.plain import plain
+from seqrsm.plain import more_rows, plain
 from seqrsm.score.ranking import Ranking, connected, fit_rankings
 from seqrsm.store.database import utc_now
 from seqrsm.store.ledger import VOID_FIRST, Ledger
@@ -68,6 +68,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     batch = ledger.last_batch() + 1
     known = _KnownRuns(ledger.runs(sa.true())) if any(run.run_id is None for run in file.runs) else None
     fresh: list[tuple[IngestedRun, RunRecord | None]] = []
+    strange: list[tuple[int | None, int]] = []
     first = ledger.next_id()
     ranked_already = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
     for run in file.runs:
@@ -85,9 +86,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         if twin is not None and (twin.state == "void" or not run.scores):
             unchanged.append(twin.run_id)
         elif wanted is not None and old is None:
-            remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
-            line = run.scores[0].source_row
-            problems.append(Problem("there is no such run", remedy, file.name, line, "run_id", wanted))
+            strange.append((run.scores[0].source_row, wanted))
         elif old is None or old.state == "void":
             created.append(first + len(fresh))
             fresh.append((run, old))
@@ -99,6 +98,11 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
                 moved.append(old.run_id)
         else:
             unchanged.append(run.run_id or old.run_id)
+    if strange:
+        (line, wanted), *others = strange
+        message = "there is no such run" + more_rows([row for row, _ in others])
+        remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
+        problems.append(Problem(message, remedy, file.name, line, "run_id", wanted))
     _create(ledger, fresh, batch)
     numbers, ranked_runs = add_rankings(ledger, file, problems)
     if len(problems) > before:

@@ -719,6 +719,22 @@ def test_a_column_of_days_that_is_not_there_is_told(make):
     assert "Add it, or name a column of yours so: Flight day" in told
 
 
+@pytest.mark.parametrize("column", ["Status", "state", "note"])
+def test_a_score_of_a_run_that_its_row_calls_void_is_held_back(make, column):
+    rows = f"{HEADER},{column}\n2,12,HH,70,avoided clouds\n3,12,HH,61,Void: plane broken\n4,12,HH,,void\n"
+    told = make().ingest(rows, code=2)
+    assert f"scores.csv:3: {column}: the run is told to be void and has a score (got 'Void: plane broken')" in told
+    assert "scores.csv:2" not in told
+    assert "scores.csv:4" not in told
+
+
+def test_run_ids_of_another_campaign_have_one_error(make):
+    """An export had one for each of its 65 rows."""
+    told = make().ingest(f"run_id,{HEADER}\n1,2,12,HH,70\n2,3,12,HH,71\n3,4,12,HH,72\n", code=2)
+    assert told.count("there is no such run") == 1
+    assert "scores.csv:2: run_id: there is no such run (so 2 more rows: lines 3, 4) (got 1)" in told
+
+
 def test_flights_that_wait_are_not_flown_twice_for_want_of_their_run_ids(make):
     """A column "Run" was kept as one of the user's own: the flights were new runs, and the proposed ones waited on."""
     folder = make()
