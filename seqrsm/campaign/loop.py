@@ -21,6 +21,7 @@ from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.errors import OvertakenError, StoreError, UserError
+from seqrsm.plain import counted
 from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]
@@ -176,7 +177,7 @@ class _ClosedLoop:
             self.campaign.store.mark()
             while others := self.campaign.store.runs(WAITING, source="simulation"):
                 if running := sum(run.state == "running" for run in others):
-                    self.say(f"waiting for {running} runs of another command")
+                    self.say(f"waiting for {counted(running, 'run')} of another command")
                     time.sleep(WAIT_S)
                 made += self.simulate()
                 self.campaign.store.mark()
@@ -218,7 +219,7 @@ class _ClosedLoop:
         """No others replace runs that the machine failed; batches without a single score would come for ever."""
         broken = [run for run in self.campaign.store.runs("failed") if run.fault == "machine"]
         if broken:
-            text = f"{len(broken)} runs failed because of this machine and will be tried again: {broken[-1].reason}"
+            text = f"{counted(len(broken), 'run')} failed because of this machine, to be repeated: {broken[-1].reason}"
             remedy = f"Fix the cause and repeat the command; after {MAX_ATTEMPTS} attempts, run `seqrsm retry` first."
             raise UserError(text, remedy)
         if not made or any(run.state != "failed" for run in made):
