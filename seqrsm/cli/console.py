@@ -66,8 +66,8 @@ _said: list[str] = []
 
 _to_do: list[Callable[[], None]] = []
 
-_documents: list[TextIO] = []
-"""The stdout of a command that prints a document."""
+_documents: list[tuple[TextIO, list[str]]] = []
+"""The stdout of a command that prints a document, and what it is to print there when it ends."""
 
 _shown: list[Console] = []
 """The console of the bar that is shown."""
@@ -220,19 +220,42 @@ def _apart(as_json: bool) -> Iterator[None]:
     if not as_json:
         yield
         return
-    _documents.append(sys.stdout)
+    stream, texts = sys.stdout, list[str]()
+    saved = _descriptor_apart(stream)
+    _documents.append((stream, texts))
     try:
         with redirect_stdout(sys.stderr):
             yield
     finally:
         _documents.pop()
+        if saved is not None:
+            os.dup2(saved, 1)
+            os.close(saved)
+        stream.write("".join(texts))
+
+
+def _descriptor_apart(stream: TextIO) -> int | None:
+    """Let programs that are started from here write to stderr; where stdout is meanwhile, None if it is no file."""
+    try:
+        if stream.fileno() != 1 or sys.stderr is None:
+            return None
+    except (OSError, ValueError):
+        return None
+    stream.flush()
+    saved = os.dup(1)
+    os.dup2(2, 1)
+    return saved
 
 
 def print_json(document: Any) -> None:
     """One JSON document on stdout and nothing else; in ASCII where the encoding is not UTF-8."""
-    stream = _documents[-1] if _documents else sys.stdout
+    stream, texts = _documents[-1] if _documents else (sys.stdout, None)
     escaped = (stream.encoding or "").casefold().replace("-", "") != "utf8"
-    stream.write(json.dumps(plain(document), indent=2, ensure_ascii=escaped, allow_nan=False) + "\n")
+    text = json.dumps(plain(document), indent=2, ensure_ascii=escaped, allow_nan=False) + "\n"
+    if texts is None:
+        stream.write(text)
+    else:
+        texts.append(text)
 
 
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2003": "  "})

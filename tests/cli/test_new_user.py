@@ -204,6 +204,15 @@ def test_what_a_utility_prints_is_no_part_of_the_document(own) -> None:
     assert "so far" in done.stderr
 
 
+def test_what_programs_of_a_utility_print_is_no_part_of_the_document(own) -> None:
+    folder = own("__import__('os').system('echo so far'); return 50.0 + run_id % 7")
+    call("propose", folder)
+    command = [sys.executable, "-m", "seqrsm", "simulate", str(folder), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    assert {run["state"] for run in json.loads(done.stdout)} == {"scored"}
+    assert "so far" in done.stderr
+
+
 def test_a_utility_that_is_not_there(own) -> None:
     folder = own("return 1.0")
     (folder / "mine.py").unlink()
