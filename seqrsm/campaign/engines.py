@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.errors import SpecError, UserError
-from seqrsm.own_code import contained, import_remedy, own_function
+from seqrsm.own_code import contained, file_of, import_remedy, own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -213,7 +213,7 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         It cannot be imported, raises, or returns no finite score.
     """
     function = find_utility(name)
-    short = Path(name).name
+    short, place = f"{name.rpartition(':')[2]}()", file_of(name) or None  # on a cluster the file has another name
     try:
         with contained():
             found = function(image, scene, seed=seed, run_id=run_id)
@@ -230,9 +230,9 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         found = UtilityScore(float(found))
     if not isinstance(found, UtilityScore):
         text = f"{short} returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
-        raise SpecError(text, "Return one of them.", field=_FIELD)
+        raise SpecError(text, "Return one of them.", file=place, field=_FIELD)
     if not math.isfinite(found.value):
-        raise SpecError(f"{short} returned {found.value}", "Return a finite number.", field=_FIELD)
+        raise SpecError(f"{short} returned {found.value}", "Return a finite number.", file=place, field=_FIELD)
     return found
 
 

@@ -168,9 +168,9 @@ def test_a_run_that_finds_no_room_fails_as_without_a_cluster(address, tiny_scene
         body = "def score(image, scene, *, seed, run_id):\n    raise OSError(28, 'No space left on device')\n"
         (folder / "mine.py").write_text(body, encoding="utf-8")
         call("propose", folder)
-        call("simulate", folder, *where)
+        call("simulate", folder, *where, code=2)
         with Store.open(folder) as store:
-            told.append([(run.state, run.reason.partition(" (got")[0], run.attempts) for run in store.runs()])
+            told.append([(run.state, run.reason.partition(". See line")[0], run.attempts) for run in store.runs()])
     assert told[0] == told[1]
     assert all(state == "failed" and "No space left" in reason for state, reason, _ in told[0])
 

@@ -86,11 +86,11 @@ def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("return 1 / 0", "utility: mine.py:score failed: ZeroDivisionError: division by zero. See line"),
-        ("return 'good'", "mine.py:score returned str"),
-        ("return float('nan')", "mine.py:score returned nan"),
+        ("return 1 / 0", "utility: score() failed: ZeroDivisionError: division by zero. See line"),
+        ("return 'good'", "score() returned str"),
+        ("return float('nan')", "score() returned nan"),
         ("return = 3", "SyntaxError"),
-        ("raise SystemExit", "mine.py:score failed: SystemExit"),  # it ended the command, with exit code 0
+        ("raise SystemExit", "score() failed: SystemExit"),  # it ended the command, with exit code 0
     ],
 )
 def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
@@ -155,7 +155,7 @@ def test_simulations_that_all_failed_end_with_2_and_are_made_once_the_cause_is_g
     call("propose", folder)
     told = call("simulate", folder, code=2)
     n_runs = json.loads(call("status", folder, "--json"))["runs"]["failed"]
-    assert f"error: none of these {n_runs} runs has a score: [[application]] utility: mine.py:score failed" in told
+    assert f"error: none of these {n_runs} runs has a score: [[application]] utility: score() failed" in told
     shown = CliRunner().invoke(app, ["simulate", str(folder), "--json"])
     assert shown.exit_code == 2
     assert {run["state"] for run in json.loads(shown.stdout)} == {"failed"}
