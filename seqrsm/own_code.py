@@ -8,10 +8,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
 
 
 def located(folder: Path, name: str) -> str:
@@ -48,6 +54,23 @@ def own_function(name: str) -> Callable[..., Any]:
     if not callable(found):
         raise TypeError(f"the module has no function {function}")
     return found  # type: ignore[no-any-return]
+
+
+def not_writable(thing: T) -> T:
+    """The same image or scene with arrays that cannot be written: other utilities and later runs use them, too."""
+
+    def shown(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            value = value.view()
+            value.flags.writeable = False
+        elif callable(value):  # that makes an array when it is asked for
+            return lambda: shown(value())
+        return value
+
+    same = copy(thing)
+    for one in fields(thing):  # type: ignore[arg-type]
+        object.__setattr__(same, one.name, shown(getattr(thing, one.name)))
+    return same
 
 
 @contextmanager

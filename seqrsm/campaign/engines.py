@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.errors import SpecError, UserError
-from seqrsm.own_code import contained, file_of, import_remedy, own_function
+from seqrsm.own_code import contained, file_of, import_remedy, not_writable, own_function
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -182,11 +182,18 @@ def score_by(
     ``known``: a map that is there already, for utilities that classify.
     """
     if ":" in text:
-        return call_utility(text, images[0] if len(images) == 1 else images, scene, seed=seed, run_id=run_id)
+        shown = [not_writable(image) for image in images]
+        return call_utility(text, shown[0] if len(shown) == 1 else shown, _shown(scene), seed=seed, run_id=run_id)
     asked = asked_for(text)
     more = {"known": known} if known is not None and asked.row.classifies else {}
     score: UtilityScore = own_function(asked.row.function)(images, scene, asked, seed=seed, run_id=run_id, **more)
     return score
+
+
+@lru_cache(maxsize=1)
+def _shown(scene: Scene) -> Scene:
+    """A scene as functions of the user's own see it: one object for all runs."""
+    return not_writable(scene)
 
 
 def find_utility(name: str) -> Callable[..., Any]:

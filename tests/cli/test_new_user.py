@@ -101,6 +101,15 @@ def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no processes are forked here")
+@pytest.mark.parametrize(
+    "what", ["image.intensity", "image.pixel_of_cell", "scene.elevation_m", "scene.cover", "scene.scored"]
+)
+def test_a_utility_cannot_change_what_others_score(own, what) -> None:
+    """A change of the scene had stayed for all later runs of a process, one of the image for the utilities after it."""
+    told = call("run", own(f"{what}[0, ...] = 0; return 1.0"), code=2)
+    assert "score() failed: ValueError: assignment destination is read-only. See line 2 of" in told
+
+
 def test_a_utility_that_forks_leaves_no_copy_that_goes_on(own, tmp_path) -> None:
     """Each went on as the command: it simulated, and wrote scores, too."""
     calls = tmp_path / "calls"
