@@ -1,8 +1,9 @@
 """What a number of runs can give: half-width and loss expected, for the model as it is and for smaller ones.
 
 Campaigns are simulated on surfaces drawn from what is known: half of the runs behind the start design spread, half at
-the best settings that the others show, a polynomial fitted. It is quick and rough; `seqrsm.campaign.rehearsal` makes
-every step as `run` does, once there are scores.
+the best settings that the others show, a polynomial fitted. Where scores favour another surface than a quadratic, they
+go on from these scores instead, see `plans_by_process`. It is quick and rough; `seqrsm.campaign.rehearsal` makes every
+step as `run` does, once there are scores.
 """
 
 from __future__ import annotations
@@ -13,14 +14,17 @@ from functools import cached_property
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.stopping import StopRule, amount
+from seqrsm.decide.stopping import StopRule, amount, forecast
 from seqrsm.design.factors import setting_with_unit
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import Goal, sign_of
+from seqrsm.fit.process import FEW
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
-from seqrsm.rng import generator
+from seqrsm.propose.cloud import Runs, cloud_of, propose_from_process
+from seqrsm.rng import batch_seed, generator
 
 N_CAMPAIGNS = 200
 _LEAST_CLOUD = 400
@@ -93,8 +97,8 @@ class Plan:
     runs, n_terms, asked : int
         Runs, terms of the model, and the fewest runs that the stop rule asks for.
     half_width, loss : float
-        Median half-width of the interval that decides, and mean loss against the best settings of the whole region,
-        score units; nan where the runs leave no degree of freedom.
+        Half-width of the interval that decides, the median of campaigns or by `forecast`, and mean loss against the
+        best settings of the whole region, score units; nan where the runs leave no degree of freedom.
     """
 
     change: str
@@ -217,7 +221,7 @@ class Budget:
             change = f"{factor.name} fixed at {setting_with_unit(factor, shown[factor.name])}"
             kept = tuple(i for i in whole if region.factors[i] is not factor)
             at_budget += self.by_runs([budget], order, kept, change)
-        counts = sorted({budget, *asked, *(int(np.ceil(share * max(asked))) for share in (1.5, 2.0, 3.0))})
+        counts = _counts(budget, asked)
         by_order = [self.by_runs(counts, one, whole, change) for change, one in ways]
         return tuple(at_budget), tuple(plan for plans in zip(*by_order, strict=True) for plan in plans)
 
@@ -284,6 +288,43 @@ class Budget:
         width = rule.width(ratio * scatter[at, every] * np.sqrt(rss / (n - p)), n - terms, h_there)
         loss = np.maximum(self._best - sign * self.known.scores(truth[at, every]), 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
+
+
+def plans_by_process(analysis: Analysis, rule: StopRule, seed: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
+    """What `Budget.plans` gives of the campaign as it is, by a process that the scores favour over the quadratic.
+
+    For the loss runs lie where they would be proposed by what is known now. Surfaces are drawn from the process, and
+    each is learnt from its own scores of these runs, beside those so far; only what the process rests on stays. The
+    half-width is that of `forecast`, which interim analyses tell of, too.
+    """
+    fitted, n_made, p = analysis.fitted, analysis.fit.n_runs, analysis.model.p
+    process, region, made, best = fitted.departure.process, fitted.region, fitted.data.points, analysis.optimum.point
+    assert process is not None
+    terms, sign, key = fitted.surface.n_terms, sign_of(fitted.goal), batch_seed(seed, n_made)
+    asked = rule.min_runs(terms)
+    counts = [n for n in _counts(rule.max_runs, [asked]) if n > n_made or n == rule.max_runs]
+    runs = Runs(made, np.zeros(n_made, dtype=np.bool_))
+    further = propose_from_process(process, region, best, runs, max(counts[-1] - n_made, 0), sign=sign, seed=key)
+    cloud, rng = cloud_of(process, region, best, made, sign, key)
+    places = [int(np.argmin(np.sum(np.square(cloud.points - one.point), axis=1))) for one in further]
+    s, h = fitted.scatter(best)
+    truth = cloud.draws(N_CAMPAIGNS // FEW, rng)
+    scores = truth[:, places] + s * rng.standard_normal((len(truth), len(places)))
+    each, found = np.arange(len(truth)), {}
+    for n in counts:
+        at = places[: max(n - n_made, 0)]
+        across = cloud.covariance[at]
+        gain = np.linalg.solve(across[:, at] + s**2 * np.eye(len(at)), across)
+        chosen = np.argmax(cloud.mean + (scores[:, : len(at)] - cloud.mean[at]) @ gain, axis=1)
+        top, here = (fitted.scale.to_score(sign * value) for value in (truth.max(axis=1), truth[each, chosen]))
+        ahead = forecast(replace(rule, max_runs=n), n_runs=n_made, n_terms=terms, s=analysis.sd_of_run, h=h)
+        found[n] = Plan("", n, p, asked, ahead.attainable_half_width, float(np.mean(sign * (top - here))))
+    return (found[rule.max_runs],), tuple(found.values())
+
+
+def _counts(budget: int, asked: Sequence[int]) -> list[int]:
+    """Numbers of runs that are told of: the budget, what models ask for, and more."""
+    return sorted({budget, *asked, *(int(np.ceil(share * max(asked))) for share in (1.5, 2.0, 3.0))})
 
 
 def _n_spread(n: int, p: int) -> int:

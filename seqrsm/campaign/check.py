@@ -22,7 +22,7 @@ from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import see_names
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
+from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, plans_by_process, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.experiment import see_experiment
@@ -222,13 +222,10 @@ def _judged(
     """One application; ``no_start`` says why there can be no start design."""
     model, found = spec.quadratic, _so_far_or(simulated, analysis)
     rule, (noise, share, df, source, *_) = _rule_of(spec, application, found.share, analysis), found
-    surfaces = _surfaces(spec, application, found, analysis)
     unit = application.score_unit
     terms = model.p if analysis is None else analysis.fitted.surface.n_terms
     constants = spec.model.block is not None and spec.model.block_effect == "fixed" and spec.own_source == "flight"
     asked = [rule.min_runs(terms + days) for days in range(1 + rule.max_runs)]
-    at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
-    budget = Budget(spec.region, spec.model.order, application.goal, rule, surfaces, at, spec.seed, terms - model.p)
     problem = target_problem(rule, noise if np.isfinite(noise) else 0.0, terms, unit)
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(terms):
@@ -237,9 +234,19 @@ def _judged(
         problem += " This is the scatter all over the region; at the optimum it may be less."
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
-    plans, over = budget.plans(spec.stop.confirmation_runs)
+    if analysis is not None and analysis.fitted.departure.probability > 0.5:
+        plans, over = plans_by_process(analysis, rule, spec.seed)
+        surfaces = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
+        surfaces += ", which favour another surface than a quadratic"
+        in_units = True
+    else:
+        known = _surfaces(spec, application, found, analysis)
+        at = spec.region.centre() if analysis is None else analysis.optimum.point  # where factors would be fixed
+        budget = Budget(spec.region, spec.model.order, application.goal, rule, known, at, spec.seed, terms - model.p)
+        plans, over = budget.plans(spec.stop.confirmation_runs)
+        surfaces = f"{known.source}; other surfaces lose more"
+        in_units = bool(np.isfinite(noise)) or known.noise != 1.0  # else the scatter of a run is one
     refused = no_start or (problem or hopeless if hopeless else "")
-    in_units = bool(np.isfinite(noise)) or surfaces.noise != 1.0  # else the scatter of a run is one
     target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
     target_loss = rule.loss if in_units and math.isfinite(rule.loss) else float("nan")
     if not problem and not plans[0].reaches(target, target_loss):
@@ -260,7 +267,7 @@ def _judged(
         target_problem=problem,
         plans=plans,
         over=over,
-        surfaces=surfaces.source,
+        surfaces=surfaces,
         target=target,
         unit=unit,
         refused=refused,

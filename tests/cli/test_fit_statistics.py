@@ -502,7 +502,9 @@ def test_check_takes_no_scatter_for_what_the_quadratic_misses(tmp_path: Path) ->
     code, output, error = command("check", make(tmp_path / "c", X, rows))
     assert code == 0, error
     assert 0.3 < float(re.findall(r"run-to-run standard deviation +([0-9.]+)", output)[0]) < 1.0
-    assert "quadratics drawn from the posterior of the 27 scores" in " ".join(output.split())
+    told = " ".join(output.split())
+    assert "surfaces drawn from the posterior of the 27 scores so far, which favour another surface than" in told
+    assert "[model] order = 1" not in told  # a plane, which scores refute still more
 
 
 def test_shares_of_variance_say_what_they_are_taken_over(tmp_path: Path) -> None:

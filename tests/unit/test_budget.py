@@ -14,15 +14,17 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, random_surfaces, way_out
+from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, plans_by_process, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import _Scatter, _surfaces
+from seqrsm.campaign.rehearsal import make_campaign
 from seqrsm.cli.app import app
 from seqrsm.decide.stopping import StopRule, telling
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.spec.read import load_spec
+from seqrsm.store.records import NewScore
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 REGION = Region((ContinuousFactor("a", 0.0, 1.0), ContinuousFactor("b", 0.0, 1.0)), ())
@@ -306,7 +308,9 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     assert done.exit_code == 0, done.output
     found = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
     assert found["noise"] == pytest.approx(np.sqrt(96.0 * 4.0 / 400.0) if counts else 0.8, rel=0.2)
-    assert found["surfaces"].startswith("quadratics drawn from the posterior of the 140 scores")
+    of_scores = "drawn from the posterior of the 140 scores so far"
+    other = f"surfaces {of_scores}, which favour another surface than a quadratic"  # of logits that of percent is none
+    assert found["surfaces"] == (f"quadratics {of_scores}; other surfaces lose more" if counts else other)
     assert found["plans"][0]["half_width"] == pytest.approx(1.97 * found["noise"], rel=0.1)  # 200 runs, one foretold
 
 
@@ -358,3 +362,41 @@ def test_check_and_fit_tell_the_scatter_of_a_future_run_at_the_optimum(tmp_path:
     watched = np.hypot(effect.std(), np.sqrt(0.2)) if "mean" in kind else true  # five runs of one new day
     assert fitted["noise_floor"] == pytest.approx(student.ppf(0.975, np.inf) * watched, rel=0.2 if logit else 0.12)
     assert checked["plans"][0]["half_width"] == pytest.approx(fitted["half_width"], rel=0.12)
+
+
+def test_where_scores_favour_no_quadratic_the_loss_foretold_is_that_of_campaigns(tmp_path: Path) -> None:
+    """The worse of two factors decides, with a kink at the top: quadratics foretold a twentieth of what was lost."""
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "k"\nseed = 1\nbatch = 4\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n[[factor]]\n'
+        'name = "y"\nlow = -1.0\nhigh = 1.0\n[[application]]\nname = "s"\nutility = "measured"\n[stop]\n'
+        "half_width = 1e-9\nmax_runs = 40\n",
+        encoding="utf-8",
+    )
+    spec = load_spec(tmp_path)
+    foretold, lost, told = [], [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        best, steep = rng.uniform(-0.5, 0.5, 2), rng.uniform(20.0, 35.0, 2)
+
+        def loss(at: np.ndarray, best: np.ndarray = best, steep: np.ndarray = steep) -> np.ndarray:
+            return np.max(steep * np.abs(at - best), axis=1)
+
+        def score(at: np.ndarray, rng: np.random.Generator = rng) -> list[NewScore]:
+            return [NewScore("s", float(one)) for one in rng.normal(90.0 - loss(at), 2.0)]
+
+        early = replace(spec, seed=seed, stop=spec.stop.model_copy(update={"max_runs": 20}))
+        first, _ = make_campaign(early, "flight", score, n_draws=200)
+        assert first.fitted.departure.probability > 0.5
+        now, _ = plans_by_process(first, stop_rule(early.stop), seed)
+        assert now[0].loss == pytest.approx(first.posterior.expected_regret, rel=0.4)  # as many runs as there are
+        assert now[0].half_width == pytest.approx(first.optimum.prediction.half_width, rel=0.25)
+        (plan,), over = plans_by_process(first, stop_rule(spec.stop), seed)
+        assert [one.runs for one in over] == [27, 36, 40, 54]
+        assert over[-1].loss < plan.loss < now[0].loss
+        assert over[-1].half_width < plan.half_width < now[0].half_width
+        foretold.append(plan.loss)
+        last, _ = make_campaign(replace(spec, seed=seed), "flight", score, n_draws=200)
+        lost.append(float(loss(last.optimum.point[None, :])[0]))
+        told.append(last.posterior.expected_regret)
+    assert 0.3 * np.mean(lost) < np.mean(foretold) < 1.2 * np.mean(lost)
+    assert np.mean(told) < np.mean(foretold) < 3.0 * np.mean(told)

@@ -103,7 +103,7 @@ def _budget_sections(result: Judged, of: str, told: set[Paragraph]) -> list[Sect
     )
     not_known = "" if known else " The run-to-run standard deviation (s.d. of a run) is not known yet."
     how = (
-        f"Each row: 200 simulated campaigns on {result.surfaces}. Half-width: median of the stop-rule interval; "
+        f"Each row: 200 simulated campaigns on {result.surfaces}. Half-width: that of the stop-rule interval; "
         f"expected loss: mean shortfall of the settings found from the best in the region.{not_known} These are rough "
         "estimates; `seqrsm rehearse` simulates every step of `run`, once there are scores."
     )
