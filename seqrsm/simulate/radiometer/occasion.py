@@ -74,15 +74,17 @@ def stages_of(scene: Scene, calendar: Calendar, visit: Visit, *, seed: int, run_
     category = np.where(known, of_field, 0).astype(np.int64)
     of_year = year_shift_days(len(categories), **key)
     late = of_year[category] + field_shift_days(calendar.shift_days(categories)[category], **key)
-    moves = known & np.array([calendar.emission_changes(name) for name in categories])[category]
+    late *= known & np.array([calendar.emission_changes(name) for name in categories])[category]
     step, room = _STAGE_DAYS, NO_COVER - len(categories)
     while True:
-        met, own = np.unique(np.stack([category, np.round(late / step)])[:, moves], axis=1, return_inverse=True)
+        steps = np.round(late / step)
+        moved = steps != 0.0
+        met, own = np.unique(np.stack([category, steps])[:, moved], axis=1, return_inverse=True)
         if met.shape[1] <= room:
             break
         step *= 2.0
     of_field = of_field.copy()
-    of_field[moves] = len(categories) + own.ravel()
+    of_field[moved] = len(categories) + own.ravel()
     parent = np.append(parent, met[0].astype(np.int64))
     day = visit.day - np.append(np.zeros(len(categories)), step * met[1])
     return Stages(tuple(categories[k] for k in parent), day, parent, of_field)
