@@ -15,10 +15,10 @@ from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.target import build_target
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
-from seqrsm.score import evidence
+from seqrsm.score import pixels
 from seqrsm.score.classification import UtilityScore
 from seqrsm.score.cover import score_cover
-from seqrsm.score.evidence import Image
+from seqrsm.score.pixels import Image
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer import prm
 from seqrsm.simulate.radiometer.occasion import (
@@ -35,7 +35,7 @@ from seqrsm.simulate.visits import Visit
 def tiles_of(side_m: float) -> Iterator[None]:
     """Tiles of ground of this side [m], whatever image and scene: for the whole process, so in no thread of several."""
     assert current_thread() is main_thread()  # two that end in the wrong order would leave it to all later tests
-    with mock.patch.object(evidence, "tile_m", return_value=side_m):
+    with mock.patch.object(pixels, "tile_m", return_value=side_m):
         yield
 
 

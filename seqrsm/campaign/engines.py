@@ -19,8 +19,8 @@ from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
-from seqrsm.score.evidence import Image
 from seqrsm.score.known_map import KnownMap
+from seqrsm.score.pixels import Image
 from seqrsm.score.utilities import UTILITIES, asked_for
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.hardware import Limit, limits

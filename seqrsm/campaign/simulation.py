@@ -27,9 +27,9 @@ from seqrsm.scene.file import load_scene
 from seqrsm.scene.layers import categories_of_fields, cells_in_one, coarse_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
-from seqrsm.score.evidence import Image, large_fields, tile_m
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.moisture import refuse_combination
+from seqrsm.score.pixels import Image, large_fields, tile_m
 from seqrsm.score.utilities import utility_of
 from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration

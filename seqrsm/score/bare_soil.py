@@ -21,7 +21,8 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
-from seqrsm.score.evidence import fields_of, in_one_field, pixels_of, reach_pixels
+from seqrsm.score.evidence import in_one_field, reach_pixels
+from seqrsm.score.pixels import fields_of, pixels_of
 from seqrsm.sensor.radar import GROUND_OF
 from seqrsm.simulate.radar.occasion import look_up, nominal_ground_state
 from seqrsm.simulate.radar.psm import expected_image

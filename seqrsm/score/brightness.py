@@ -23,7 +23,7 @@ from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.curves import THETA_DEG
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable, of_mixtures
 from seqrsm.scene.scene import Scene
-from seqrsm.score.evidence import seen_pixels
+from seqrsm.score.pixels import seen_pixels
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.frame import local_angle_deg, make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion

@@ -25,8 +25,9 @@ from seqrsm.score.classification import (
     taught,
     trusting,
 )
-from seqrsm.score.evidence import Evidence, Image, evidence_of
+from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.score.known_map import KnownMap
+from seqrsm.score.pixels import Image
 from seqrsm.score.utilities import Asked
 
 FALSE_ALARMS: Final = 0.05

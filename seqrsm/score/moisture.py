@@ -15,7 +15,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.score.brightness import BLOCK_M, retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
-from seqrsm.score.evidence import Image
+from seqrsm.score.pixels import Image
 from seqrsm.score.utilities import Asked
 from seqrsm.sensor.exchange import Sensor
 from seqrsm.sensor.radar import RadarConfiguration

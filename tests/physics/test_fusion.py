@@ -15,8 +15,9 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import halves
 from seqrsm.score.cover import score_cover, score_evidence
-from seqrsm.score.evidence import Evidence, decibels, pixels_of
+from seqrsm.score.evidence import Evidence, decibels
 from seqrsm.score.kernels_classify import mean_of_pixels
+from seqrsm.score.pixels import pixels_of
 from seqrsm.score.utilities import Asked
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.occasion import draw_ground_state

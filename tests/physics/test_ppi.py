@@ -10,7 +10,7 @@ from psm_cases import Table, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.score.evidence import pixels_of
+from seqrsm.score.pixels import pixels_of
 from seqrsm.simulate.radar.frame import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.result import rectangular, rectangular_pixels

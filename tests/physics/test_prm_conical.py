@@ -11,7 +11,7 @@ from prm_cases import Table, image, radiometer, scene
 from shorthands import percent_correct, tiles_of
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.score.evidence import pixels_of
+from seqrsm.score.pixels import pixels_of
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import named_sensors, radiometer_of
 from seqrsm.sensor.radiometer import RadiometerConfiguration

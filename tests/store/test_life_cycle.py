@@ -176,8 +176,8 @@ def test_an_interrupt_before_the_first_simulation_gives_them_back_too(campaign, 
     opened = campaign()
     claim = opened.store.claim
 
-    def interrupted():
-        claim()
+    def interrupted(limit):
+        claim(limit)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(opened.store, "claim", interrupted)

@@ -44,7 +44,7 @@ from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table  # noqa: E40
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  # noqa: E402
 from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
-from seqrsm.score import evidence  # noqa: E402
+from seqrsm.score import pixels  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import occasion  # noqa: E402
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
@@ -312,7 +312,7 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
     for run in range(1, runs + 1):
         image = simulate_radar(known, radar, table(variant), seed=1989, run_id=run)
         # As the flight was scored: tiles divide fields of any size between training and test.
-        with mock.patch.object(evidence, "_keep_fields_whole"):
+        with mock.patch.object(pixels, "_keep_fields_whole"):
             found.append(percent_correct([image], known, seed=1989, run_id=run, tile_m=24 * CELL_M).value)
     return float(np.mean(found))
 

@@ -14,7 +14,8 @@ from seqrsm.errors import SceneError
 from seqrsm.rng import generator
 from seqrsm.score.classification import cluster_ratio, halves
 from seqrsm.score.cover import score_evidence
-from seqrsm.score.evidence import Evidence, _keep_fields_whole, cells_in_pixels, decibels, tiles
+from seqrsm.score.evidence import Evidence, decibels
+from seqrsm.score.pixels import _keep_fields_whole, cells_in_pixels, tiles
 from seqrsm.score.utilities import Asked
 
 

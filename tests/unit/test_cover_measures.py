@@ -17,20 +17,10 @@ from synthetic import synthetic_scene
 from seqrsm.errors import SceneError
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import halves, knowing_areas, taught
+from seqrsm.score.classification import areas_taught, halves, knowing_areas, taught
 from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, score_cover, score_evidence
-from seqrsm.score.evidence import (
-    WINDOW,
-    Evidence,
-    _lee,
-    _of_segments,
-    evidence_of,
-    fields_of,
-    in_one_field,
-    large_fields,
-    layers_of,
-    pixels_of,
-)
+from seqrsm.score.evidence import WINDOW, Evidence, _lee, _of_segments, evidence_of, in_one_field, layers_of
+from seqrsm.score.pixels import fields_of, large_fields, pixels_of
 from seqrsm.score.utilities import Asked, asked_for
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -512,7 +502,8 @@ def test_areas_are_those_of_the_ground_that_taught() -> None:
     rare = np.concatenate([np.flatnonzero(few)[:20], np.flatnonzero(~few)[:60]])
     counts = np.eye(2, dtype=int)[np.isin(np.arange(n), rare).astype(int)]
     evidence = Evidence(rng.normal(size=(1, n)), counts, tile, keys, 0, counts)
-    (*_, plain), (*_, known) = (by.laws for by in (taught(evidence), knowing_areas(evidence, taught(evidence))))
+    by = taught(evidence)
+    (*_, plain), (*_, known) = by.laws, knowing_areas(by, areas_taught(evidence, by)).laws
     np.testing.assert_allclose(known - plain, np.log([[140, 60], [180, 20]]))
 
 

@@ -17,7 +17,8 @@ from shorthands import percent_correct
 from test_cover_measures import IMAGE, KEY, SCENE
 
 from seqrsm.score.cover import score_evidence
-from seqrsm.score.evidence import Evidence, evidence_of, finest, pixels_of, seen_pixels, tile_m
+from seqrsm.score.evidence import Evidence, evidence_of
+from seqrsm.score.pixels import finest, pixels_of, seen_pixels, tile_m
 from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 

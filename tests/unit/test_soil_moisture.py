@@ -38,8 +38,8 @@ from seqrsm.score.brightness import (
     retrieved_squares,
 )
 from seqrsm.score.brightness import _covariance as _of_brightness
-from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.moisture import expected_spread, score_moisture
+from seqrsm.score.pixels import seen_pixels
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.named import with_noise
 from seqrsm.sensor.radar import from_settings
