@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
@@ -62,10 +63,9 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
         Place in it; -1 for cells that are not scored, not seen or show no moisture.
     """
     unit, counts, _ = fields_of(pixels_of(images, scene, seed=seed, run_id=run_id), scene)
-    tables = [_tables(image, scene) for image in images]
+    tables = [_looked_up(image, scene, image.radar.recorded, GRID) for image in images]  # the phase is left unused
     steps = [[look for one in at for look in one] for at in zip(*tables, strict=True)]  # the channels of all images
-    first, last = (np.array([look.sigma0[:, 40] for look in steps[k]]) for k in (0, -1))
-    shows = np.asarray(np.abs(_db(last) - _db(first)).max(axis=0) > _SEEN_DB)
+    shows = np.any([_shows(image, scene) for image in images], axis=0)
     kind = counts.argmax(axis=1)
     bare = np.flatnonzero(shows[kind])
     place = np.full(len(kind) + 1, -1, dtype=np.int32)
@@ -101,13 +101,26 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     return moisture, of_cell
 
 
-def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
-    """The table's own means at each moisture of `GRID`, one for each channel; the phase, if any, is left unused."""
+def _shows(image: RadarImage, scene: Scene) -> BoolArray:
+    """Covers (n_categories,) whose backscatter shows moisture in any channel of the band.
+
+    Whichever the radar receives, so that all its polarizations are scored over the same ground.
+    """
+    change = []
+    for channel in POLARIZATIONS:
+        (dry,), (wet,) = _looked_up(image, scene, (channel,), GRID[[0, -1]])
+        change.append(np.abs(_db(wet.sigma0[:, 40]) - _db(dry.sigma0[:, 40])))
+    return np.asarray(np.max(change, axis=0) > _SEEN_DB)
+
+
+def _looked_up(
+    image: RadarImage, scene: Scene, channels: tuple[str, ...], moistures: FloatArray
+) -> list[list[Sigma0Lookup]]:
+    """The table's own means at moistures [m3/m3], one for each channel."""
     assert image.table is not None
-    table = image.table.in_world(None)
-    radar = replace(image.radar, channels=image.radar.recorded)
+    radar = replace(image.radar, channels=channels)
     _, wind = nominal_ground_state(radar)
-    return [look_up(scene, radar, table, (float(m), wind), image.day) for m in GRID]
+    return [look_up(scene, radar, image.table.in_world(None), (float(m), wind), image.day) for m in moistures]
 
 
 def _departures_db(
