@@ -111,12 +111,11 @@ def _expected_lookups(
     scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None
 ) -> tuple[list[EmissivityLookup], FloatArray, FloatArray]:
     """``lookups``, ``of_fields`` and ``of_years`` of `ExpectedGround`."""
-    names = scene.categories
+    lookups = lookups_of(scene, radiometer, table, day)
     if day is None:
-        lookups = lookups_of(scene, radiometer, table, None)
         none = np.zeros((len(lookups), len(lookups), *lookups[0].emissivity.shape))
         return lookups, none, none
-    n = len(names)
+    names, n = scene.categories, len(scene.categories)
     late = lookups_of(scene, radiometer, table, np.repeat(day - _LATE_DAYS, n), names * len(_LATE_DAYS))
     reflected = np.array([(1.0 - look.emissivity).reshape(len(_LATE_DAYS), n, -1, THETA_DEG.size) for look in late])
     apart = _LATE_DAYS - _LATE_DAYS[:, None]
@@ -129,10 +128,7 @@ def _expected_lookups(
     mean = np.einsum("y,cykma->ckma", of_year, in_year)
     square = np.einsum("y,kys,cskma,dskma->cdkma", of_year, of_field, reflected, reflected, optimize=True)
     of_years = np.einsum("y,cykma,dykma->cdkma", of_year, in_year, in_year)
-    lookups = [
-        replace(look, emissivity=1.0 - own)
-        for look, own in zip(lookups_of(scene, radiometer, table, day), mean, strict=True)
-    ]
+    lookups = [replace(look, emissivity=1.0 - own) for look, own in zip(lookups, mean, strict=True)]
     return lookups, square - of_years, of_years - mean[:, None] * mean
 
 

@@ -87,7 +87,11 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     if mapped:
         sign, name = -1.0 if asked.row.is_error else 1.0, "percent_correct" if sought else asked.name
         laws = trusting(evidence, laws, lambda found: sign * float(measure(found, name, covers)))
-    by_tile: AnyArray = _at_false_alarms(evidence, laws, covers) if sought else named(evidence, laws)
+
+    def confusions(by: Taught) -> AnyArray:
+        return _at_false_alarms(evidence, by, covers) if sought else named(evidence, by)
+
+    by_tile = confusions(laws)
     total = by_tile.sum(axis=0)
     true = np.rint(total.sum(axis=1)).astype(np.int64)  # names drawn by lot leave no whole numbers
     if np.count_nonzero(true) == 1:
@@ -112,8 +116,7 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     if mapped:
         blind = by_map_alone(evidence)
         for by in (blind, knowing_areas(blind, true)):
-            alone: AnyArray = _at_false_alarms(evidence, by, covers) if sought else named(evidence, by)
-            by_map = float(measure(alone.sum(axis=0), asked.name, covers))
+            by_map = float(measure(confusions(by).sum(axis=0), asked.name, covers))
             guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
     return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
 

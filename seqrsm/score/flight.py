@@ -22,9 +22,7 @@ SOURCES = ("flight", "simulation")
 MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
 """Columns without which a row says something else."""
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
-
-
-_NO_RUN = "Give them, or remove a line of means, totals or units; units go into the header, as frequency [GHz]."
+_NO_SETTINGS = "Give them, or remove a line of means, totals or units; units go into the header, as frequency [GHz]."
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,10 +198,7 @@ class _Reader(CellReader):
         """The row's score; None when it has errors or is not scored yet."""
         before = len(self.problems)
         if self.factors and not self.has_settings(cells):
-            remedy = (
-                "Give them, or remove a line of means, totals or units; units go into the header, as frequency [GHz]."
-            )
-            self.add("the row has no settings", remedy, line)
+            self.add("the row has no settings", _NO_SETTINGS, line)
             return None
         text = {name: self.cell(cells, name) for name in OPTIONAL}
         run_id = self.whole(text["run_id"], line, "run_id", 1)

@@ -100,12 +100,12 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
         retrieved, unit = retrieved_squares(images[0], scene)
     cells, moisture = unit >= 0, images[0].occasion.field_moisture
     own, field = unit[cells], scene.field_id[cells]
-    n_pieces = len(np.unique(own))
+    weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
+    used = weight > 0.0
+    n_pieces = int(used.sum())
     spread = 0.0 if moisture is None else expected_spread(sensors[0], scene, own, field)
     if moisture is None or spread == 0.0:
         return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0, n_pieces)
-    weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
-    used = weight > 0.0
     truth = np.bincount(own, moisture[field], len(retrieved))[used] / weight[used]
     error = retrieved[used] - truth
     level, bias = np.average(truth, weights=weight[used]), float(np.average(error, weights=weight[used]))

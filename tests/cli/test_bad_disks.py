@@ -70,19 +70,23 @@ def snapshot(folder: Path) -> tuple[object, ...]:
         return store.runs(), store.events(), store.files()
 
 
-@pytest.mark.parametrize("spare", [0, 30_000])
-def test_a_full_disk(folder, spare):
-    """No file of the child may grow beyond what is there: SQLite meets the same errors as on a full disk."""
-    before = snapshot(folder)
-    limit = max((folder / STORE_NAME).stat().st_size, 100_000) + spare
-    child = subprocess.run(
-        [sys.executable, "-m", "seqrsm", "ingest", str(folder), str(folder / "second.csv")],
+def on_a_full_disk(limit: int, *command: object) -> subprocess.CompletedProcess[str]:
+    """A command none of whose files may grow beyond so many bytes: SQLite meets the same errors as on a full disk."""
+    return subprocess.run(
+        [sys.executable, "-m", "seqrsm", *map(str, command)],
         capture_output=True,
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
         timeout=300,
         check=False,
     )
+
+
+@pytest.mark.parametrize("spare", [0, 30_000])
+def test_a_full_disk(folder, spare):
+    before = snapshot(folder)
+    limit = max((folder / STORE_NAME).stat().st_size, 100_000) + spare
+    child = on_a_full_disk(limit, "ingest", folder, folder / "second.csv")
     assert child.returncode == 2, child.stderr
     assert "disk" in child.stderr
     assert "Traceback" not in child.stderr
@@ -106,14 +110,7 @@ def test_a_full_disk_in_mid_checkpoint_is_no_damage(folder, tmp_path):
         file.seek(28)
         file.write(pages.to_bytes(4, "big"))
     limit = max((other / STORE_NAME).stat().st_size, 100_000)
-    child = subprocess.run(
-        [sys.executable, "-m", "seqrsm", "ingest", str(other), str(folder / "second.csv")],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-        timeout=300,
-        check=False,
-    )
+    child = on_a_full_disk(limit, "ingest", other, folder / "second.csv")
     assert child.returncode == 2, child.stderr
     assert "Check the disk and its free space" in child.stderr
     assert "damaged" not in child.stderr
@@ -126,14 +123,7 @@ def test_a_full_disk_in_mid_checkpoint_is_no_damage(folder, tmp_path):
 def test_files_that_cannot_be_written_leave_the_old_ones(folder, command):
     (folder / command[-1]).write_text("old", encoding="utf-8")
     name, *rest = command
-    child = subprocess.run(
-        [sys.executable, "-m", "seqrsm", name, str(folder), *rest[:-1], str(folder / rest[-1])],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
-        timeout=300,
-        check=False,
-    )
+    child = on_a_full_disk(4096, name, folder, *rest[:-1], folder / rest[-1])
     assert child.returncode == 2, child.stderr
     assert "Traceback" not in child.stderr
     assert (folder / command[-1]).read_text(encoding="utf-8") == "old"

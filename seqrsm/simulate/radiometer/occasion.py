@@ -59,8 +59,10 @@ class Stages(NamedTuple):
 
     def of_cells(self, cover: AnyArray, field: AnyArray) -> AnyArray:
         """Stage of cells, uint8, from their cover and field; that of its cover where it is not the field's."""
+        if self.day is None:
+            return cover
         parent = np.append(self.parent, NO_COVER)[np.minimum(self.of_field, len(self.parent))]
-        return cover if self.day is None else np.where(parent[field] == cover, self.of_field[field], cover)
+        return np.where(parent[field] == cover, self.of_field[field], cover)
 
 
 def stages_of(scene: Scene, calendar: Calendar, visit: Visit, *, seed: int, run_id: int) -> Stages:
