@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +14,9 @@ from shorthands import still_radiometer
 from seqrsm.scattering.calendar import SHIPPED, Calendar, fields_by_category
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.worlds import World
-from seqrsm.score.brightness import _expected_lookups, retrieved_squares
-from seqrsm.simulate.radiometer.occasion import stages_of
+from seqrsm.score.brightness import _covariance, _expected_lookups, expected_ground, retrieved_squares
+from seqrsm.score.pixels import seen_pixels
+from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion, stages_of
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.visits import Visit, field_shift_days, year_shift_days
 
@@ -126,8 +128,42 @@ def test_what_is_expected_of_late_fields_is_their_mean_and_scatter():
         between = np.cov(drawn[c].mean(axis=1), drawn[d].mean(axis=1))[0, 1] - within / 100.0
         assert of_fields[c, d, 0, 6, 40] == pytest.approx(within, rel=0.06)
         assert of_years[c, d, 0, 6, 40] == pytest.approx(between, rel=0.2)
-        assert 1.0 - lookups[c].emissivity[0, 6, 40] == pytest.approx(drawn[c].mean(), abs=0.01)
+        assert 1.0 - lookups[c].emissivity[0, 6, 40] == pytest.approx(drawn[c].mean(), abs=0.005)
     np.testing.assert_allclose(of_fields[:, :, 2] + of_years[:, :, 2], 0.0, atol=1e-12)
+
+
+def test_footprints_vary_by_late_fields_and_their_mean_by_late_years():
+    """What is added to the covariance, of ground under one cover where no field is known."""
+    field = np.arange(400).reshape(20, 20)
+    ground = scene(np.zeros(field.shape), 200.0, np.zeros(field.shape), field, ("Wheat",))
+    sensor = radiometer(frequency_ghz=1.4, channels=("H", "V"), resolution_m=200.0, conical_incidence_deg=40.0)
+    image = still_radiometer(ground, sensor, TABLE, visit=Visit((205.0,)), **KEY)
+    expected = expected_ground(image, ground, seen_pixels(image))
+    none = replace(expected, of_fields=0.0 * expected.of_fields, of_years=0.0 * expected.of_years)
+    slope = np.zeros((2, *expected.temperature_k.shape))
+    inside = expected.share[..., 0] > 0.999
+    kelvin = expected.air[1][:, None] * (expected.temperature_k - expected.air[2][:, None])
+    for own, late in ((None, expected.of_years), (np.zeros(inside.shape), expected.of_fields)):
+        with_late, without = (_covariance(image, one, slope, 0.2, own) for one in (expected, none))
+        together = 1.0 if own is None else expected.footprints_a_piece
+        for a, b in ((0, 0), (0, 1), (1, 1)):
+            added = (with_late - without)[..., a, b] / (np.square(kelvin) * together)
+            np.testing.assert_allclose(added[inside], late[a, b, 0, 6, 40], rtol=0.02)
+
+
+def test_early_and_late_fields_depart_as_their_own_stage_does():
+    """Emission of bare and covered fields of one crop, and of trees, has standard deviations of its own."""
+    sensor, parts = radiometer(frequency_ghz=1.4, channels=("H",)), []
+    for run in range(60):
+        key = {"seed": 5, "run_id": run}
+        stages = stages_of(GROUND, SHIPPED, Visit((205.0,)), **key)
+        looked = [TABLE.lookup(stages.categories, 1.4, "H", day=stages.day)]
+        met = draw_radiometer_occasion(sensor, looked, stages, GROUND, Visit((205.0,)), **key)
+        own = looked[0].field_part[stages.of_field]
+        parts.append(met.field_offset[0] / own)
+        assert own.max() > 1.3 * own.min()
+    for cover in range(3):
+        assert np.std(np.array(parts)[:, cover == KIND]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_moisture_of_a_date_is_believed_as_far_as_late_fields_let():

@@ -163,7 +163,9 @@ def test_images_take_nothing_from_a_map_that_is_better_than_their_classifier_thi
         found = score_evidence(evidence, ("a", "b"), Asked("percent_correct"))
         assert found.value > found.guess - 0.01
         assert found.value > found.guess + 1.5 or p > 0.8
-    assert found.value == 100.0
+        area = score_evidence(evidence, ("a", "b"), Asked("area_error", ("b",)))
+        assert area.value < area.guess + 4.0 or p < 0.9
+    assert (found.value, area.value) == (100.0, 0.0)
 
 
 def test_labels_are_trusted_in_one_half_as_far_as_the_other_shows() -> None:
@@ -202,6 +204,9 @@ def test_images_that_tell_nothing_take_nothing_from_a_map_under_cloud(cloud: flo
     chance = joint.sum(axis=1) @ np.array([joint[:, joint.argmax(axis=0) == k].sum() for k in range(3)])
     found = score_evidence(evidence, tuple("abc"), Asked("kappa"))
     assert found.value == pytest.approx((best.sum() - chance) / (1.0 - chance), abs=0.01)
+    as_b = joint[:, joint.argmax(axis=0) == 1]
+    found = score_evidence(evidence, tuple("abc"), Asked("f1", ("b",)))
+    assert found.value == pytest.approx(200.0 * as_b[1].sum() / (share[1] + as_b.sum()), abs=1.0)
     wanted = abs(joint[:, joint.argmax(axis=0) == 1].sum() - share[1]) / share[1]
     found = score_evidence(evidence, tuple("abc"), Asked("area_error", ("b",)))
     assert found.value == pytest.approx(100.0 * wanted, abs=3.0)
