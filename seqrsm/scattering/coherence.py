@@ -2,7 +2,8 @@
 
 A radar that sends both polarizations knows, beside the powers of HH, HV and VV, the mean of HH times conjugate VV. It
 is given here over the root of both powers, as a complex number of magnitude below 1; HV is taken as related to neither
-(reflection symmetry). It is the same at all incidence angles; where a crop leaves soil bare it is the soil's (assumed).
+(reflection symmetry). It is the same from 40 degrees on, and goes to what symmetry leaves at nadir, `by_angle`; where a
+crop leaves soil bare it is the soil's (assumed).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.readers import shipped_rows
-from seqrsm.scattering.worlds import BARE_SOIL, World, drawn_by_frequency
+from seqrsm.scattering.worlds import BARE_SOIL, World, co_apart, drawn_by_frequency
 
 FIELD_SD: Final = 0.08
 """Standard deviation of either part between fields of a cover: whole fields of the L-band flight over Flevoland."""
@@ -115,6 +116,28 @@ def _at_frequency(nodes: tuple[Relation, ...], frequency_ghz: float) -> tuple[co
 def limited(relation: AnyArray) -> AnyArray:
     """Complex numbers of any size with their magnitude held at `MOST`."""
     return np.asarray(relation * (MOST / np.maximum(np.abs(relation), MOST)))
+
+
+def by_angle(relation: AnyArray, cross_over_co: AnyArray, theta_deg: FloatArray | float) -> AnyArray:
+    """How HH and VV of covers are related at incidence angles, from their relation at 40 degrees and more.
+
+    Ground that is the same from all sides has at nadir one less twice the power of HV over that of HH (Nghiem et al.
+    1992, Radio Science 27(2), 111-131); between, straight lines over the square of the sine (assumed).
+
+    Parameters
+    ----------
+    relation : complex array (n_categories,)
+    cross_over_co : float64 array (n_categories,)
+        Power of HV over that of HH at nadir [1].
+    theta_deg : float64 array (n,) or float
+        Incidence angles [deg].
+
+    Returns
+    -------
+    complex array (n_categories, n), or (n_categories, 1)
+    """
+    apart = np.sqrt(co_apart(theta_deg))
+    return np.asarray(apart * relation[:, None] + (1.0 - apart) * limited(1.0 - 2.0 * cross_over_co)[:, None])
 
 
 def circular(relation: AnyArray, hh: AnyArray, hv: AnyArray, vv: AnyArray) -> AnyArray:

@@ -35,7 +35,7 @@ THETA_DEG: Final[FloatArray] = np.arange(91.0)
 FLOOR_DB: Final = -60.0
 """Smallest backscatter kept [dB]: below it any receiver's noise rules."""
 
-_GRAZING_DEG: Final = 75
+_GRAZING_DEG, _STEEP_DEG = 75, 20
 _LAND_CAP_DB, _WATER_CAP_DB, _CROSS_CAP_DB = 12.0, 20.0, -3.0
 _CROSS_BELOW_CO_DB: Final = 3.0
 _MODEL_NODES_GHZ: Final = (1.25, 3.0, 5.4, 9.6, 13.6)
@@ -111,9 +111,14 @@ _GRAZING_FALL_DB = linear_to_db(
     np.maximum(np.cos(np.deg2rad(THETA_DEG[_GRAZING_DEG:])) / np.cos(np.deg2rad(_GRAZING_DEG)), 1e-30)
 )
 
+_STEEP_SHARE = np.square(np.sin(_THETA[: _STEEP_DEG + 1]) / np.sin(_THETA[_STEEP_DEG]))
+
 
 def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
     """Backscatter with its behaviour at the ends of the angle range settled.
+
+    No ground that is the same from all sides tells HH from VV at nadir: they keep their mean from 20 degrees down, and
+    their difference falls with the square of the sine.
 
     Parameters
     ----------
@@ -130,6 +135,10 @@ def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
     """
     value = np.minimum(value_db, _CAPS_DB[int(water)])
     value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + _GRAZING_FALL_DB
+    co = value[..., [0, 2], : _STEEP_DEG + 1]
+    middle = np.broadcast_to(co.mean(axis=-2, keepdims=True), co.shape)
+    alike = middle + (co - middle)[..., -1:] * _STEEP_SHARE
+    value[..., [0, 2], : _STEEP_DEG + 1] = np.where(np.isnan(alike), co, alike)
     if surface:
         value[..., 1, :] = np.minimum(
             value[..., 1, :], np.fmin(value[..., 0, :], value[..., 2, :]) - _CROSS_BELOW_CO_DB

@@ -24,10 +24,10 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.remember import cached_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import Course, on_day
-from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, circular, coherence, limited
+from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, by_angle, circular, coherence, limited
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
-from seqrsm.scattering.worlds import over_soil
+from seqrsm.scattering.worlds import co_apart, over_soil
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, RadarConfiguration
@@ -50,6 +50,7 @@ from seqrsm.units import db_to_linear, linear_to_db
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open
 _YEAR_DB: Final = 1.0  # assumed
+_CO: Final = 1 + len(POLARIZATIONS)  # row of draws
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,8 @@ def draw_occasion(
     """Draw the offsets of classes and fields of one visit.
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
-    channels share the part of the variance that the table gives as their correlation. A channel's draw does not depend
+    channels share the part of the variance that the table gives as their correlation, and HH and VV, looking steeply,
+    what `co_apart` leaves them. A channel's draw does not depend
     on which other channels there are, on sensors of the same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
@@ -149,7 +151,8 @@ def draw_occasion(
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
     height = generator(seed, run_id, "roughness").standard_normal(known.size)
     for c, channel, lookup in _recorded(radar, lookups):
-        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
+        kind = GROUND_OF[channel], float(lookup.channel_correlation), float(co_apart(theta))
+        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, *kind)
         sd, rough = lookup.of_fields_db(theta)
         if visit.day is None or lookup.course is None:
             date, soil = draw("date backscatter", n_categories), draw("date bare soil", 1)
@@ -177,16 +180,27 @@ class _Draws:
     frequency_ghz: float
     channel: str
     shared: float
+    apart: float
 
     def of_fields(self, purpose: str, n: int) -> FloatArray:
         """As the visit's angle sees them, with a share that only near frequencies have in common."""
         return at_angle(self.visit, purpose, lambda name: self(name, n, OWN_OF_FIELDS))
 
     def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
-        shape = 1 + len(POLARIZATIONS), n
+        shape = _CO + (self.apart < 1.0), n
         drawn = kept_deviates(self.seed, self.run_id, purpose, shape, self.frequency_ghz, own_share)
-        common, own = drawn[[0, 1 + POLARIZATIONS.index(self.channel)]]
-        return np.asarray(math.sqrt(self.shared) * common + math.sqrt(1.0 - self.shared) * own)
+        return _mixed(drawn, self.channel, self.shared, self.apart)
+
+
+def _mixed(drawn: FloatArray, channel: str, shared: float, apart: float) -> FloatArray:
+    """Standard normal (n,) of a channel, of what all share, each has for its own and, `_CO`, HH and VV looking steeply.
+
+    ``drawn`` (parts, n): its own row may be the last where ``apart``, `co_apart`, is 1.
+    """
+    own = drawn[1 + POLARIZATIONS.index(channel)]
+    if channel != "HV" and apart < 1.0:
+        own = math.sqrt(apart) * own + math.sqrt(1.0 - apart) * drawn[_CO]
+    return np.asarray(math.sqrt(shared) * drawn[0] + math.sqrt(1.0 - shared) * own)
 
 
 def _dated(
@@ -274,31 +288,32 @@ def met_occasion(
     parent = np.arange(len(category))
     if radar.texture_db > 0.0:
         _, parent = pieces(scene, radar.texture_m)
-        # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
-        own_place = [(c, 1 + POLARIZATIONS.index(GROUND_OF[name]), own) for c, name, own in _recorded(radar, lookups)]
-        parts = 1 + max(place for _, place, _ in own_place)
+        # Rows as far as they are asked for: a row's draws do not depend on those after it.
+        apart = float(co_apart(math.degrees(radar.centre_incidence_rad)))
+        last = max(1 + POLARIZATIONS.index(GROUND_OF[name]) for name in radar.recorded)
+        parts = 1 + (_CO if apart < 1.0 else last)
         draws = at_angle(
             visit, "texture", lambda own: half_lasting(visit, own, (parts, len(parent)), radar.frequency_ghz, **key)
         )
         offset = offset[:, parent]
-        for c, place, lookup in own_place:
-            shared = float(np.mean(lookup.channel_correlation))
-            offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * draws[place])
+        for c, name, lookup in _recorded(radar, lookups):
+            offset[c] += radar.texture_db * _mixed(draws, GROUND_OF[name], float(lookup.channel_correlation), apart)
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
-    related = _related(radar.frequency_ghz, table, lookups[radar.layers.index(radar.pair[0])])
+    theta = math.degrees(radar.centre_incidence_rad)
+    linear = look_up(scene, replace(radar, channels=("HH", "HV", "VV")), table, ground_state, visit.day)
+    mean = by_angle(_related(radar.frequency_ghz, table, linear[0]).mean, _cross_at_nadir(*linear[:2]), theta)[:, 0]
     departure = at_angle(
         visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
-    mean = related.mean[np.where(category < len(scene.categories), category, 0)]
-    of_fields = limited(mean + FIELD_SD * (departure[0] + 1j * departure[1]))
+    known = np.where(category < len(scene.categories), category, 0)
+    sd = FIELD_SD * math.sqrt(co_apart(theta))
+    of_fields = limited(mean[known] + sd * (departure[0] + 1j * departure[1]))
     if radar.pair == ("RH", "RV"):
-        linear = look_up(scene, replace(radar, channels=("HH", "HV", "VV")), table, ground_state, visit.day)
-        powers = np.array([db_to_linear(_level_db(look, math.degrees(radar.centre_incidence_rad))) for look in linear])
-        related = replace(related, mean=circular(related.mean, *powers))
-        of_fields = circular(of_fields, *powers[:, np.where(category < len(scene.categories), category, 0)])
-    return _added(radar, lookups, met, related, category[parent], of_fields[parent])
+        powers = np.array([db_to_linear(_level_db(look, theta)) for look in linear])
+        mean, of_fields = circular(mean, *powers), circular(of_fields, *powers[:, known])
+    return _added(radar, lookups, met, mean, category[parent], of_fields[parent])
 
 
 @cached_by_thread(maxsize=1)  # asked for by look-ups and by fields
@@ -311,27 +326,33 @@ def _added(
     radar: RadarConfiguration,
     lookups: Sequence[Sigma0Lookup],
     met: Occasion,
-    related: Coherence,
+    related: AnyArray,
     category: IntArray,
     of_fields: AnyArray,
 ) -> Occasion:
     """An occasion with the offsets of the radar's pair added, at the incidence angle of the centre of the scene.
 
-    ``category`` and ``of_fields`` (n_fields,): of each field or piece, the latter how its pair is related.
+    ``category`` and ``of_fields`` (n_fields,): of each field or piece, the latter how its pair is related; ``related``
+    (n_categories,): how that of covers is.
     """
     theta = math.degrees(radar.centre_incidence_rad)
     one, other = (radar.layers.index(channel) for channel in radar.pair)
-    known = np.where(category < len(related.mean), category, 0)
+    known = np.where(category < len(related), category, 0)
     of_class, of_field = met.class_offset_db.copy(), met.field_offset_db.copy()
     table = [db_to_linear(_level_db(lookups[c], theta)) for c in (one, other)]
     on_date = [power * db_to_linear(of_class[c]) for power, c in zip(table, (one, other), strict=True)]
     here = [power[known] * db_to_linear(of_field[c]) for power, c in zip(on_date, (one, other), strict=True)]
     for c, part in zip((-2, -1), (np.real, np.imag), strict=True):
-        nominal, dated = (added_power(first, second, part(related.mean)) for first, second in (table, on_date))
+        nominal, dated = (added_power(first, second, part(related)) for first, second in (table, on_date))
         of_class[c] = linear_to_db(dated / nominal)
         offset = linear_to_db(added_power(here[0], here[1], part(of_fields)) / dated[known])
-        of_field[c] = np.where(category < len(related.mean), offset, 0.0)
+        of_field[c] = np.where(category < len(related), offset, 0.0)
     return replace(met, class_offset_db=of_class, field_offset_db=of_field)
+
+
+def _cross_at_nadir(hh: Sigma0Lookup, hv: Sigma0Lookup) -> FloatArray:
+    """Power of HV over that of HH at nadir (n_categories,)."""
+    return np.asarray(hv.sigma0[:, 0] / hh.sigma0[:, 0])
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
@@ -379,9 +400,10 @@ def look_up(
         return found
     one, other = (found[radar.layers.index(channel)] for channel in radar.pair)
     related = _related(radar.frequency_ghz, table, one)
-    mean = related.mean[:, None]
+    hh, hv, vv = (find(channel) for channel in ("HH", "HV", "VV"))
+    mean = by_angle(related.mean, _cross_at_nadir(hh, hv), hh.theta_deg)
     if radar.pair == ("RH", "RV"):
-        mean = circular(mean, *(find(channel).sigma0 for channel in ("HH", "HV", "VV")))
+        mean = circular(mean, hh.sigma0, hv.sigma0, vv.sigma0)
     for part in (mean.real, mean.imag):
         both = added_power(one.sigma0, other.sigma0, part)
         found.append(replace(one, sigma0=both, status=related.status, notes=related.notes))
