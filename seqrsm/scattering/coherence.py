@@ -136,7 +136,7 @@ def by_angle(relation: AnyArray, cross_over_co: AnyArray, theta_deg: FloatArray 
     -------
     complex array (n_categories, n), or (n_categories, 1)
     """
-    apart = np.sqrt(co_apart(theta_deg))
+    apart = co_apart(theta_deg)
     return np.asarray(apart * relation[:, None] + (1.0 - apart) * limited(1.0 - 2.0 * cross_over_co)[:, None])
 
 

@@ -133,12 +133,13 @@ def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
         Capped near nadir (+20 dB water, +12 dB land, HV -3 dB), continued from 75 degrees on as constant gamma, HV of a
         surface at least 3 dB below HH and VV, and never below -60 dB. A nan channel stays nan.
     """
-    value = np.minimum(value_db, _CAPS_DB[int(water)])
-    value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + _GRAZING_FALL_DB
+    value = np.array(value_db)
     co = value[..., [0, 2], : _STEEP_DEG + 1]
     middle = np.broadcast_to(co.mean(axis=-2, keepdims=True), co.shape)
     alike = middle + (co - middle)[..., -1:] * _STEEP_SHARE
     value[..., [0, 2], : _STEEP_DEG + 1] = np.where(np.isnan(alike), co, alike)
+    value = np.minimum(value, _CAPS_DB[int(water)])
+    value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + _GRAZING_FALL_DB
     if surface:
         value[..., 1, :] = np.minimum(
             value[..., 1, :], np.fmin(value[..., 0, :], value[..., 2, :]) - _CROSS_BELOW_CO_DB

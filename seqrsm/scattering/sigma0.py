@@ -36,7 +36,7 @@ from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.models import soil_response_baghdadi16
 from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import BARE_SOIL, World, default_mean_sd, over_soil, related_covers
+from seqrsm.scattering.worlds import BARE_SOIL, World, co_apart, default_mean_sd, over_soil, related_covers
 from seqrsm.units import db_to_linear, linear_to_db
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -45,6 +45,7 @@ INTERPOLATION_SD_DB: Final = 1.2
 """Error of sigma0 half-way between node frequencies [dB rms], from predicting S band by L and C (60 cases)."""
 
 _EXTRAPOLATION_SD_DB: Final = 2.4  # an octave beyond the nodes; assumed: twice the interpolation's
+_APART: Final = co_apart(THETA_DEG)
 _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
 _ROUGHNESS_DECADES: Final = 0.2
@@ -103,6 +104,8 @@ class Sigma0Lookup:
         Part of the standard deviation from field to field that is owed to roughness, at 40 deg; 0 but for bare soil.
     closed : float64 array (n_categories,)
         Share of the soil that is hidden; what is not, or is under snow, departs as bare soil does.
+    nadir_sd_db : float64 array (n_categories,)
+        Of fields at nadir, where HH and VV are one [dB].
     course : Course or None
         How the categories go through the year, where a day was asked for.
     status : tuple of str
@@ -122,6 +125,7 @@ class Sigma0Lookup:
     notes: tuple[str, ...]
     roughness_share: FloatArray
     closed: FloatArray
+    nadir_sd_db: FloatArray
     course: Course | None = None
 
     def of_fields_db(self, theta_deg: float) -> tuple[FloatArray, FloatArray]:
@@ -130,9 +134,10 @@ class Sigma0Lookup:
         Of what each frequency, angle and date sees more or less apart, and of the roughness of bare soil, which all of
         them see alike; this grows with the sine of the angle, that does not.
         """
-        rough = self.field_sd_db * self.roughness_share
+        apart = float(co_apart(theta_deg))
         sine = math.sin(math.radians(theta_deg)) / math.sin(math.radians(_LEVEL_DEG))
-        return np.sqrt(np.square(self.field_sd_db) - np.square(rough)), rough * sine
+        smooth = self.field_sd_db * np.sqrt(1.0 - np.square(self.roughness_share))
+        return apart * smooth + (1.0 - apart) * self.nadir_sd_db, self.field_sd_db * self.roughness_share * sine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +233,7 @@ class Sigma0Table:
         found = for_each(categories, lambda name: _evaluate(self._curve(name, season), channel, state, world), unknown)
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
-        sd = np.array([found[name].mean_sd_db for name in names])
+        sd = np.array([found[name].mean_sd_db[_LEVEL_DEG] for name in names])
         closed = np.array([found[name].closed for name in names])
         # Part that spreads as the table has it: of bare soil all, but on a day none, when all that is bare is one soil.
         own_spread, through = closed, None
@@ -239,19 +244,28 @@ class Sigma0Table:
         assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
         spread = {name: self.variability.get((name, channel), assumed) for name in found}
         factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
-        in_c = share_of_c(frequency)
-        field_sd = np.array([factor[n] * np.interp(in_c, (0.0, 1.0), spread[n].field_sd_db) for n in names])
+        soil = np.array([found[name].soil for name in names])
+
+        def of_fields(one: str) -> tuple[FloatArray, FloatArray]:
+            bands = {name: self.variability.get((name, one), spread[name]).field_sd_db for name in found}
+            own = [factor[n] * np.interp(share_of_c(frequency), (0.0, 1.0), bands[n]) for n in names]
+            sd = own_spread * own + (1.0 - own_spread) * bare_fields_db(one, self.world)
+            return sd, _roughness_share(one, day is not None) * soil
+
+        field_sd, rough = of_fields(channel)
+        at_nadir = [of_fields(one) for one in _alike_at_nadir(channel)]
         soil_sd = self.variability[BARE_SOIL, channel].date_sd_db
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(value),
-            field_sd_db=own_spread * field_sd + (1.0 - own_spread) * bare_fields_db(channel, self.world),
+            field_sd_db=field_sd,
             date_sd_db=own_spread * [spread[name].date_sd_db for name in names] + (1.0 - own_spread) * soil_sd,
             mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
-            roughness_share=_roughness_share(channel, day is not None) * np.array([found[n].soil for n in names]),
+            roughness_share=rough,
+            nadir_sd_db=np.mean([one * np.sqrt(1.0 - np.square(share)) for one, share in at_nadir], axis=0),
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
@@ -296,13 +310,14 @@ class Sigma0Table:
             bare = on_day(through.soil_share, day)[:, None]
         felt = bare * ~np.array([found[name].soil for name in names])[:, None]  # bare soil has it in its values
         value = value + linear_to_db(1.0 + felt * (db_to_linear(met.value_db - soil.value_db) - 1.0))
-        sd = closed * [found[name].mean_sd_db for name in names] + (1.0 - closed) * soil.mean_sd_db
+        hidden = closed[:, None]
+        sd = hidden * np.array([found[name].mean_sd_db for name in names]) + (1.0 - hidden) * soil.mean_sd_db
         if self.world is not None:
             departed = self.world.departure(BARE_SOIL, soil.kin, ghz, channel)
             for k, name in enumerate(names):
                 own = self.world.departure(name, kin[name], ghz, channel)
                 value[k] += sd[k] * over_soil(own, departed, closed[k], related_covers(kin[name], soil.kin))
-        return value, np.hypot(sd, of_course), closed, through
+        return value, np.hypot(sd[:, _LEVEL_DEG], of_course), closed, through
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))
@@ -325,18 +340,23 @@ class _State(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a look-up finds of a category: sigma0 [dB] (91,), sd of its mean [dB], status, kin, if it is soil, notes.
+    """What a look-up finds of a category: sigma0 [dB] and sd of its mean [dB] (91,), status, kin, if it is soil, notes.
 
     ``closed``: the part of it, at 40 deg, that is neither bare soil nor snow.
     """
 
     value_db: FloatArray
-    mean_sd_db: float
+    mean_sd_db: FloatArray
     closed: float
     status: str
     kin: str
     soil: bool
     notes: tuple[str, ...]
+
+
+def _alike_at_nadir(channel: str) -> tuple[str, ...]:
+    """Channels that see the same as this one there."""
+    return ("HV",) if channel == "HV" else ("HH", "VV")
 
 
 def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
@@ -352,11 +372,14 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) ->
 def _in_world(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
     values, closed, sds, statuses, notes = _of_all_channels(curve, state)
     c = POLARIZATIONS.index(channel)
-    at_channel, sd = values[c], sds[c]
+    at_channel = values[c]
     if np.isnan(at_channel).any():
         text = f"the table has no {channel} of {curve.category} for {state.frequency_ghz:g} GHz"
         raise ScatteringDataError(text, "Add its rows at every frequency of the category", field="polarization")
-    if world is not None and sd > 0.0:
+    alike = [k for k in map(POLARIZATIONS.index, _alike_at_nadir(channel)) if np.isfinite(values[k]).all()]
+    at_nadir = float(np.mean([sds[k] for k in alike]))
+    sd = at_nadir + _APART * (sds[c] - at_nadir)
+    if world is not None:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
     soil = curve.soil_rms_height_m is not None
     return _Found(at_channel, sd, closed[c], statuses[c], curve.kin, soil, notes)

@@ -8,7 +8,7 @@ over one ground meet the same world on different occasions. Departures are norma
 * covers: a quarter of the variance is common to all, a quarter to kin (covers of one class of ground), half is a
   cover's own. Sites of C-band measurements share half of their variance over crops, the two L-band flights none.
 * channels: 0.85 between HH and VV, 0.75 between either and HV, as between the differences of the same sources; from 40
-  deg down HH and VV get alike, `co_apart`. H and V of emissivity: 1 at nadir to 0.9 at grazing, by the square of the
+  deg down HH and VV get alike, `own_weights`. H and V of emissivity: 1 at nadir to 0.9 at grazing, by the square of the
   sine; TELSEM2 (below) has 0.94 at 53 deg.
 * bands: straight lines between draws two octaves apart, `drawn_by_frequency`: 0.3 between L and C band, 0.99 between
   1.25 and 1.4 GHz (assumed). Emission changes in 4.5 octaves as much, `emission_as_ghz`: 0.97 between 19 and 37 GHz,
@@ -87,7 +87,7 @@ class World:
         ghz = emission_as_ghz(frequency_ghz) if emission else frequency_ghz
         deviate = _shared(self.seed, self.numbers(category), category, kin, ghz, 0)
         if not emission:
-            return _of_channel(deviate @ _BY_ANGLE, channel, co_apart(np.arange(91.0)))
+            return _of_channel(deviate @ _BY_ANGLE, channel, np.arange(91.0))
         apart = _EMISSIVITY_OWN * _SLANT**2
         common, own = deviate[[0, _PARTS[channel]]] @ _BY_ANGLE
         return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * own)
@@ -118,14 +118,24 @@ class World:
 
 
 def co_apart(theta_deg: FloatArray | float) -> FloatArray:
-    """Share of the variance that only one of HH and VV has which is its own at an incidence angle [deg].
+    """How far HH and VV are apart at incidence angles [deg], over what they are from 40 deg on: 0 to 1.
 
-    The rest both share. At nadir, where nothing of the ground tells one from the other, all: differences begin with the
-    square of the sine, their variance with its fourth power. From 40 deg on, where they were measured, none (assumed).
-    Fields of the L-band flight over Flevoland are related by 0.93, 0.84 and 0.50 at some 31, 43 and 51 deg.
+    At nadir nothing of the ground tells one from the other; differences begin with the square of the sine.
     """
     sine = np.sin(np.deg2rad(np.minimum(theta_deg, _FULL_APART_DEG)))
-    return np.asarray((sine / math.sin(math.radians(_FULL_APART_DEG))) ** 4)
+    return np.asarray(np.square(sine / math.sin(math.radians(_FULL_APART_DEG))))
+
+
+def own_weights(channel: str, theta_deg: FloatArray | float) -> FloatArray:
+    """Weights (3, ...) of draws of HH's, HV's and VV's own by which a channel departs at incidence angles [deg].
+
+    Their squares add to 1. From 40 deg on each has its own alone; HH and VV then get the same of both, related by one
+    less the square of `co_apart`. Fields of the L-band flight over Flevoland are related by 0.93, 0.84 and 0.50 in all
+    at some 31, 43 and 51 deg.
+    """
+    half = 0.5 * np.arcsin(1.0 - np.square(co_apart(theta_deg)))
+    own, other, none = np.cos(half), np.sin(half), np.zeros_like(half)
+    return np.stack({"HH": (own, none, other), "HV": (none, none + 1.0, none), "VV": (other, none, own)}[channel])
 
 
 def over_soil(
@@ -181,11 +191,14 @@ def _season(
     return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
 
 
-def _of_channel(deviate: FloatArray, channel: str, apart: FloatArray | float = 1.0) -> FloatArray:
-    """Values (n,) of a channel of backscatter, from those of all parts (parts, n); ``apart``: `co_apart` (n,)."""
-    common, co, single = deviate[0], deviate[1], deviate[_PARTS[channel]]
-    own = (1.0 - _COMMON) if channel == "HV" else (1.0 - _COMMON - _CO) * np.asarray(apart)
-    return np.asarray(math.sqrt(_COMMON) * common + np.sqrt(1.0 - _COMMON - own) * co + np.sqrt(own) * single)
+def _of_channel(deviate: FloatArray, channel: str, theta_deg: FloatArray | float = 90.0) -> FloatArray:
+    """Values (n,) of a channel of backscatter at incidence angles, from those of all parts (parts, n)."""
+    common, co, *own = deviate[:5]
+    co_share = 0.0 if channel == "HV" else _CO
+    single = sum(weight * part for weight, part in zip(own_weights(channel, theta_deg), own, strict=True))
+    return np.asarray(
+        math.sqrt(_COMMON) * common + math.sqrt(co_share) * co + math.sqrt(1.0 - _COMMON - co_share) * single
+    )
 
 
 @lru_cache(maxsize=256)  # of several channels

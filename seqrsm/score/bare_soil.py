@@ -19,7 +19,7 @@ import scipy
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup
-from seqrsm.scattering.worlds import co_apart, related_by_frequency
+from seqrsm.scattering.worlds import own_weights
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
 from seqrsm.score.brightness import mahalanobis, posterior_mean
@@ -76,8 +76,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
         return np.zeros(0), of_cell
     found = [_departures_db(image, scene, of_cell, kind, one) for image, one in zip(images, tables, strict=True)]
     away, of_speckle, of_parts, echo = (np.concatenate(layers) for layers in zip(*found, strict=True))
-    of_dates, of_fields = _related(images, steps[0])
-    covariance = _covariance(images, steps[0], kind, of_speckle, of_parts, echo, of_fields)
+    covariance = _covariance(images, steps[0], kind, of_speckle, of_parts, echo)
     here = np.isfinite(away[:, :, 0])
     told, seen = here.any(axis=1), here.any(axis=0)
     away, here, looks = away[told][:, seen], here[told][:, seen], [steps[0][c] for c in np.flatnonzero(told)]
@@ -93,7 +92,7 @@ def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_
     if seen.any():
         of_ground = np.stack([np.hypot(look.date_sd_db, look.mean_sd_db)[kind[seen]] for look in looks])
         of_ground *= echo[told][:, seen]
-        common = covariance + of_dates[told][:, told] * np.einsum("cn,dn->ncd", of_ground, of_ground)
+        common = covariance + np.einsum("cn,cd->ncd", np.square(of_ground), np.eye(len(away)))
         cost = mahalanobis(np.where(here[:, :, None], away, 0.0), common).mean(axis=0)
         middle = float(posterior_mean(cost[None], FINE, centre, sd)[0])
         at_middle = np.array([[np.interp(middle, FINE, line) for line in layer] for layer in away])
@@ -164,23 +163,6 @@ def _departures_db(
     return found, np.broadcast_to(of_speckle, shape), np.broadcast_to(of_parts, shape), echo
 
 
-def _related(images: Sequence[RadarImage], looks: Sequence[Sigma0Lookup]) -> tuple[FloatArray, FloatArray]:
-    """Correlations (n_channels, n_channels) of what a date and a field depart by, over the images' channels."""
-    seen_by = [
-        (image.radar.frequency_ghz, math.degrees(image.radar.centre_incidence_rad), GROUND_OF[c])
-        for image in images
-        for c in image.radar.recorded
-    ]
-    shared = np.array([look.channel_correlation for look in looks])
-    co = [0.0 if channel == "HV" else 1.0 - float(co_apart(angle)) for _, angle, channel in seen_by]
-    both = [np.sqrt(np.outer(share, share)) for share in (shared, (1.0 - shared) * co)]
-    same = [[a == b for *_, b in seen_by] for *_, a in seen_by]
-    channels = np.where(same, 1.0, both[0] + both[1])
-    of_ground = [[related_by_frequency(f, g) for g, *_ in seen_by] for f, *_ in seen_by]
-    of_fields = [[related_fields(f, g, abs(a - b)) for g, b, _ in seen_by] for f, a, _ in seen_by]
-    return channels * of_ground, channels * of_fields
-
-
 def _covariance(
     images: Sequence[RadarImage],
     looks: Sequence[Sigma0Lookup],
@@ -188,15 +170,20 @@ def _covariance(
     of_speckle: FloatArray,
     of_parts: FloatArray,
     echo: FloatArray,
-    related: FloatArray,
 ) -> FloatArray:
     """Covariance (n, n_channels, n_channels) [dB2] of fields of one cover, ``kind`` (n,), on one date.
 
-    Over the channels of all images, which are ``related`` as they see the same of fields and parts; with the variances
-    of `_departures_db`.
+    Over the channels of all images, which are related as the table has them and as their frequencies and angles see
+    the same of fields and parts; with the variances of `_departures_db`.
     """
-    angles = [math.degrees(image.radar.centre_incidence_rad) for image in images for _ in image.radar.recorded]
-    of_fields = [look.of_fields_db(angle) for look, angle in zip(looks, angles, strict=True)]
+    seen_by = [(image.radar, GROUND_OF[c]) for image in images for c in image.radar.recorded]
+    looks_from = [(radar.frequency_ghz, math.degrees(radar.centre_incidence_rad)) for radar, _ in seen_by]
+    shared = np.array([look.channel_correlation for look in looks])[:, None]
+    own = [own_weights(channel, angle) for (_, channel), (_, angle) in zip(seen_by, looks_from, strict=True)]
+    drawn = np.hstack([np.sqrt(shared), np.sqrt(1.0 - shared) * own])
+    related = drawn @ drawn.T
+    related *= [[related_fields(f, g, abs(a - b)) for g, b in looks_from] for f, a in looks_from]
+    of_fields = [look.of_fields_db(angle) for look, (_, angle) in zip(looks, looks_from, strict=True)]
     sd, rough = (echo * np.stack([one[kind] for one in every]) for every in zip(*of_fields, strict=True))
     part = echo * np.sqrt(of_parts)
     both = np.einsum("cn,dn->ncd", sd, sd) + np.einsum("cn,dn->ncd", part, part)

@@ -8,6 +8,7 @@ import pytest
 from seqrsm.scattering.curves import limit_db, moisture_change_db
 from seqrsm.scattering.models import backscatter_layer_ulaby14, backscatter_oh04, backscatter_oh92, reflectivity_fresnel
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
 
 TABLE = load_sigma0_table()
 FREQUENCIES = (0.65, 1.25, 2.0, 3.0, 5.4, 9.6, 10.7)
@@ -40,17 +41,14 @@ def test_cross_stays_below_co_and_caps_hold(category: str, frequency: float) -> 
     assert min(hh.min(), hv.min(), vv.min()) >= -60.0 - 1e-9
 
 
-@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
-@pytest.mark.parametrize("category", ["Gravel", "Asphalt", "Trees", "Bareground", "Water"])
-def test_polarizations_meet_at_nadir(category: str, frequency: float) -> None:
-    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < 0.2
-
-
-@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
-@pytest.mark.parametrize("category", ["Scrub"])
-def test_regressions_nearly_meet_at_nadir(category: str, frequency: float) -> None:
-    """The published regressions are fits, which do not meet; the levels that move them widen the gap by a tenth."""
-    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < 0.6
+@pytest.mark.parametrize("world", [None, World(1, 2)])
+@pytest.mark.parametrize("frequency", [0.65, 1.25, 3.0, 5.4, 17.0])
+def test_polarizations_meet_at_nadir(frequency: float, world: World | None) -> None:
+    """Ground that is the same from all sides cannot tell H from V there, in any world."""
+    hh, vv = (TABLE.in_world(world).lookup(TABLE.categories, frequency, p).sigma0 for p in ("HH", "VV"))
+    apart_db = 10.0 * np.abs(np.log10(hh / vv))
+    np.testing.assert_allclose(apart_db[:, 0], 0.0, atol=1e-9)
+    assert (apart_db[:, 2] < 0.013 * apart_db[:, 20].max()).all()  # (sin 2 / sin 20)^2 is 0.0104
 
 
 @pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
@@ -59,7 +57,8 @@ def test_regressions_nearly_meet_at_nadir(category: str, frequency: float) -> No
 def test_backscatter_falls_with_incidence(category: str, frequency: float, channel: str) -> None:
     value = db(category, frequency, channel)
     rise = value[:61] - np.minimum.accumulate(value[:61])
-    assert rise.max() < 1.6  # what the published regressions allow themselves
+    # What the published regressions allow themselves; walls send HH and VV apart by 4.8 dB in L band, alike at nadir.
+    assert rise.max() < (2.4 if category == "Buildings" else 1.6)
 
 
 @pytest.mark.parametrize("category", TABLE.categories)

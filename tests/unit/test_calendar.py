@@ -26,7 +26,7 @@ from seqrsm.scattering.curves import moisture_change_db
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scattering.worlds import World, course_deviation, related_by_frequency
+from seqrsm.scattering.worlds import World, course_deviation, own_weights, related_by_frequency
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, look_up
@@ -338,18 +338,23 @@ def seen_at(incidences_deg, days="", frequencies=("5.4",) * 3, polarization="VV"
 
 @pytest.mark.parametrize("days", ["", "150", "150+156"])
 def test_radars_see_fields_the_more_differently_the_further_their_angles_are_apart(days):
-    """By exp(-apart / 45), in whatever order they are named; the steepest as if it were alone."""
+    """By exp(-apart / 45), in whatever order they are named; the steepest as if it were alone.
+
+    Looking steeply a channel takes part of the other's own, so that it is its own of 43 degrees the less.
+    """
     angles = (43.0, 23.0, 35.0)
     found = seen_at(angles, days)[:: len(days.split("+"))]
     apart = np.abs(np.subtract.outer(angles, angles))
-    np.testing.assert_allclose(np.corrcoef(found), np.exp(-apart / 45.0), atol=0.02)
+    own = np.array([own_weights("VV", angle) for angle in angles])
+    np.testing.assert_allclose(np.corrcoef(found), (0.75 + 0.25 * own @ own.T) * np.exp(-apart / 45.0), atol=0.02)
+    assert (own @ own.T).min() > 0.85
     np.testing.assert_allclose(found.std(axis=1), found[0].std(), rtol=0.02)
     np.testing.assert_array_equal(found[1], seen_at((23.0,), days)[0])
 
 
 def test_angles_and_bands_relate_what_is_seen_together():
     for bands, apart in ((("5.4", "9.6"), 20.0), (("1.25", "5.4"), 10.0), (("5.4", "5.4"), 0.0)):
-        found = np.corrcoef(seen_at((25.0, 25.0 + apart), frequencies=bands))[0, 1]
+        found = np.corrcoef(seen_at((45.0, 45.0 + apart), frequencies=bands))[0, 1]
         told = related_fields(*map(float, bands), apart)
         assert found == pytest.approx(told, abs=0.02)
         assert told == pytest.approx(related_fields(*map(float, bands)) * np.exp(-apart / 45.0))
@@ -357,7 +362,7 @@ def test_angles_and_bands_relate_what_is_seen_together():
 
 def test_a_field_keeps_at_two_angles_what_it_is_over_dates():
     """What lasts and what fades are related by the angle alike: of six days and twenty degrees the product is left."""
-    found = np.corrcoef(seen_at((23.0, 43.0), "150+156"))
+    found = np.corrcoef(seen_at((43.0, 63.0), "150+156"))
     assert found[0, 3] == pytest.approx(found[0, 1] * np.exp(-20.0 / 45.0), abs=0.02)
 
 
@@ -395,8 +400,9 @@ def test_a_field_stays_itself_over_dates():
     """Grass stays what it is, a cereal forgets within months; one date does not depend on later ones."""
     grass, wheat = (field_offsets((150.0, 160.0, 270.0), name) for name in ("Grass", "Wheat"))
     r_grass, r_wheat = np.corrcoef(grass), np.corrcoef(wheat)
-    share, left = 0.78, np.exp(-10.0 / 86.0)
-    assert r_grass[0, 1] == pytest.approx(share + (1.0 - share) * left, abs=0.03)
+    share, fast = 0.78, 0.4**2 / grass[0].var()
+    left, quick = np.exp(-10.0 / np.array([86.0, 4.5]))
+    assert r_grass[0, 1] == pytest.approx(share + (1.0 - share - fast) * left + fast * quick, abs=0.02)
     assert r_grass[0, 2] > 0.75
     assert r_wheat[0, 1] > 0.5
     assert r_wheat[0, 2] < 0.35
@@ -518,7 +524,13 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
     assert found[:, :, -1].std() == pytest.approx(looked[0].date_sd_db[-1], rel=0.06)
     for t, day in enumerate(days):
         together = [np.corrcoef(found[:, 0, k], found[:, t, k])[0, 1] for k in range(len(covers))]
-        assert np.mean(together) == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
+        weather, crop = np.exp(-(day - 150.0) / np.array([4.5, 15.0]))
+        assert together[-1] == pytest.approx(weather, abs=0.1)
+        shared, own = np.square(0.8 * canopy[0]), 0.4**2
+        wanted = (0.8**2 * canopy[0] * canopy[t] * weather + own * crop) / np.sqrt(
+            (shared + own) * (np.square(0.8 * canopy[t]) + own)
+        )
+        assert np.mean(together[:-1]) == pytest.approx(wanted.mean(), abs=0.05)
 
 
 def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch):
@@ -597,9 +609,11 @@ def test_the_year_is_a_circle(world):
 
 def test_fields_keep_their_history_over_the_new_year():
     """Twenty days apart they are as much alike at the turn of the year as in spring."""
-    turn, spring = (np.corrcoef(field_offsets(days, "Grass")) for days in ((355.0, 375.0), (100.0, 120.0)))
+    met = [field_offsets(days, "Grass") for days in ((355.0, 375.0), (100.0, 120.0))]
+    turn, spring = (np.corrcoef(fields) for fields in met)
     assert turn[0, 1] == pytest.approx(spring[0, 1], abs=0.03)
-    assert turn[0, 1] == pytest.approx(0.78 + 0.22 * np.exp(-20.0 / 86.0), abs=0.03)
+    fast, (left, quick) = 0.4**2 / met[0].var(), np.exp(-20.0 / np.array([86.0, 4.5]))
+    assert turn[0, 1] == pytest.approx(0.78 + (0.22 - fast) * left + fast * quick, abs=0.02)
     moist = np.array([[moisture_share(Visit((355.0, 375.0), t), seed=1, run_id=k) for t in (0, 1)] for k in range(900)])
     expected = 0.74 * np.exp(-20.0 / 30.0) + 0.26 * np.exp(-20.0 / 4.5)
     assert np.corrcoef(stats.norm.ppf(moist).T)[0, 1] == pytest.approx(expected, abs=0.09)

@@ -109,10 +109,11 @@ def test_bare_fields_depart_the_more_by_roughness_the_higher_the_angle(day: floa
     seen = {angle: bare_offsets(5.4, angle, "HH+HV+VV", n, day) for angle in (12.0, 40.0, 65.0)}
     for angle, found in seen.items():
         height = decades * np.sin(np.deg2rad(angle)) * np.array([8.6, 4.4, 7.1])
-        wanted = np.sqrt(rest + height**2)
-        assert found.std(axis=1) == pytest.approx(wanted, rel=0.02)
+        apart = min(np.sin(np.deg2rad(angle)) / np.sin(np.deg2rad(40.0)), 1.0) ** 2  # of HH and VV
         parts = np.sqrt(rest)
-        shared = 0.75 * parts[0] * parts[2] + height[0] * height[2]
+        parts[[0, 2]] = apart * parts[[0, 2]] + (1.0 - apart) * parts[[0, 2]].mean()
+        assert found.std(axis=1) == pytest.approx(np.hypot(parts, height), rel=0.02)
+        shared = (1.0 - 0.25 * apart**2) * parts[0] * parts[2] + height[0] * height[2]
         assert np.cov(found)[0, 2] == pytest.approx(shared, rel=0.03)
 
 
@@ -125,3 +126,24 @@ def test_all_bands_see_the_same_roughness() -> None:
     wanted = related_fields(1.25, 5.4) * rest + height**2
     assert np.cov(low, high)[0, 1] == pytest.approx(wanted, rel=0.03)
     assert np.corrcoef(low, high)[0, 1] > 0.7
+
+
+@pytest.mark.parametrize("day", [None, 150.0])
+def test_hh_and_vv_depart_alike_near_nadir_and_apart_from_forty_degrees(day: float | None) -> None:
+    """By the square of the sine; what they differ by at 40 degrees they still do at 60."""
+    n, differs = 40_000, {}
+    for angle in (5.0, 20.0, 40.0, 60.0):
+        settings = {"frequency": 5.4, "polarization": "HH+VV", "resolution": 20, "bandwidth": 150}
+        own = from_settings(
+            {**settings, "peak_power": 1.0, "depression_angle": 90.0 - angle}, {"altitude_m": 60_000.0, "earth": "flat"}
+        )
+        looks = [load_sigma0_table().lookup(["Grass"], 5.4, channel, day=day) for channel in ("HH", "VV")]
+        visit = ONCE if day is None else Visit((day,))
+        made = draw_occasion(own, looks, np.zeros(n, dtype=np.uint8), (0.2, 5.0), visit, seed=1, run_id=1)
+        differs[angle] = np.diff(made.field_offset_db, axis=0).std()
+        assert made.field_offset_db[0].std() == pytest.approx(looks[0].field_sd_db[0], rel=0.02)
+    sine = np.sin(np.deg2rad([5.0, 20.0, 40.0]))
+    wanted = differs[40.0] * np.square(sine / sine[-1])
+    assert [differs[5.0], differs[20.0]] == pytest.approx(wanted[:2], rel=0.02)
+    assert differs[60.0] == pytest.approx(differs[40.0], rel=1e-9)
+    assert differs[40.0] == pytest.approx(looks[0].field_sd_db[0] * np.sqrt(2.0 * 0.25), rel=0.02)

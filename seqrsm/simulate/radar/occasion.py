@@ -27,7 +27,7 @@ from seqrsm.scattering.calendar import Course, on_day
 from seqrsm.scattering.coherence import FIELD_SD, Coherence, added_power, by_angle, circular, coherence, limited
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
-from seqrsm.scattering.worlds import co_apart, over_soil
+from seqrsm.scattering.worlds import co_apart, over_soil, own_weights
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import GROUND_OF, LAYERS, PHASE, RadarConfiguration
@@ -49,8 +49,13 @@ from seqrsm.units import db_to_linear, linear_to_db
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open
+_CROP_DAYS: Final = 15.0
+"""In which a crop's own falls to 1/e: 10-day means of crops in western France, less those of all crops and of 50 days,
+are related by 0.0 from one to the next, as those of such a series are; of weather by -0.15, of sampling by -0.3."""
+_FIELD_WEATHER_DB: Final = 0.4
+"""As of crops (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85 dB (VV; five pairs
+each, over the root of 2), where what fades in weeks leaves 0.34."""
 _YEAR_DB: Final = 1.0  # assumed
-_CO: Final = 1 + len(POLARIZATIONS)  # row of draws
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,12 +122,12 @@ def draw_occasion(
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
     channels share the part of the variance that the table gives as their correlation, and HH and VV, looking steeply,
-    what `co_apart` leaves them. A channel's draw does not depend
+    more of it, `own_weights`. A channel's draw does not depend
     on which other channels there are, on sensors of the same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
-    common to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), which fade within days, a level (1 dB) and a
-    shift of the year, and fields with a lasting departure, one that fades, and a shift of their own
+    common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.4 dB), a level (1 dB) and a shift of the year, and
+    fields with a lasting departure, one that fades, part of it (0.4 dB) as weather does, and a shift of their own
     (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil, and
     the part of its echo that is the soil's has the date's moisture in place of the weather that crops share. The
     spread was measured with early and late fields in it, so what their shift makes of it on a day is taken off what
@@ -151,8 +156,7 @@ def draw_occasion(
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
     height = generator(seed, run_id, "roughness").standard_normal(known.size)
     for c, channel, lookup in _recorded(radar, lookups):
-        kind = GROUND_OF[channel], float(lookup.channel_correlation), float(co_apart(theta))
-        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, *kind)
+        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], theta, lookup.channel_correlation)
         sd, rough = lookup.of_fields_db(theta)
         if visit.day is None or lookup.course is None:
             date, soil = draw("date backscatter", n_categories), draw("date bare soil", 1)
@@ -179,28 +183,26 @@ class _Draws:
     run_id: int
     frequency_ghz: float
     channel: str
+    theta_deg: float
     shared: float
-    apart: float
 
     def of_fields(self, purpose: str, n: int) -> FloatArray:
         """As the visit's angle sees them, with a share that only near frequencies have in common."""
         return at_angle(self.visit, purpose, lambda name: self(name, n, OWN_OF_FIELDS))
 
     def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
-        shape = _CO + (self.apart < 1.0), n
+        shape = 1 + len(POLARIZATIONS), n
         drawn = kept_deviates(self.seed, self.run_id, purpose, shape, self.frequency_ghz, own_share)
-        return _mixed(drawn, self.channel, self.shared, self.apart)
+        return _mixed(drawn, own_weights(self.channel, self.theta_deg), self.shared)
 
 
-def _mixed(drawn: FloatArray, channel: str, shared: float, apart: float) -> FloatArray:
-    """Standard normal (n,) of a channel, of what all share, each has for its own and, `_CO`, HH and VV looking steeply.
+def _mixed(drawn: FloatArray, own: FloatArray, shared: float) -> FloatArray:
+    """Standard normal (n,) of a channel, of what all share and, by weights (3,), what HH, HV and VV have of their own.
 
-    ``drawn`` (parts, n): its own row may be the last where ``apart``, `co_apart`, is 1.
+    ``drawn`` (parts, n): as many rows as have a weight.
     """
-    own = drawn[1 + POLARIZATIONS.index(channel)]
-    if channel != "HV" and apart < 1.0:
-        own = math.sqrt(apart) * own + math.sqrt(1.0 - apart) * drawn[_CO]
-    return np.asarray(math.sqrt(shared) * drawn[0] + math.sqrt(1.0 - shared) * own)
+    each = drawn[1:]
+    return np.asarray(math.sqrt(shared) * drawn[0] + math.sqrt(1.0 - shared) * (own[: len(each)] @ each))
 
 
 def _dated(
@@ -213,7 +215,9 @@ def _dated(
     moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
     now = on_day(course.change_db, day)
     closed = on_day(course.closed, day)
-    own = over_dates(visit, "date backscatter", lambda name: draw(name, n), FAST_DAYS)
+    own = over_dates(
+        visit, "date backscatter", lambda name: draw(name, n), np.where(course.even, FAST_DAYS, _CROP_DAYS)
+    )
     soil = over_dates(visit, "date bare soil", lambda name: draw(name, 1), FAST_DAYS)
     own = over_soil(own, soil, closed)
     common = over_dates(visit, "weather", lambda name: draw(name, 1), FAST_DAYS)
@@ -222,8 +226,9 @@ def _dated(
     year = _YEAR_DB * over_soil(draw("year backscatter", n), draw("year bare soil", 1), closed)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
-    fades = over_dates(
-        visit, "field backscatter", lambda name: draw.of_fields(name, category.size), course.memory_days[category]
+    fades, quick = (
+        over_dates(visit, name, lambda name: draw.of_fields(name, category.size), days)
+        for name, days in (("field backscatter", course.memory_days[category]), ("field weather", FAST_DAYS))
     )
     spread = np.square(sd)
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
@@ -233,7 +238,9 @@ def _dated(
         early, behind = on_day(course.change_db[k], at + course.shift_days[k] * np.array([1.0, -1.0]))
         fading[k] = max(fading[k] - 0.25 * (early - behind) ** 2, 0.0)
         shifted[mine] = on_day(course.change_db[k], at - shifts[mine]) - moved[k]
-    return offset, np.sqrt(lasting)[category] * lasts + np.sqrt(fading)[category] * fades + shifted
+    fast = np.minimum(_FIELD_WEATHER_DB**2, fading)
+    parts = ((lasting, lasts), (fading - fast, fades), (fast, quick))
+    return offset, sum(np.sqrt(variance)[category] * drawn for variance, drawn in parts) + shifted
 
 
 def nominal_ground_state(radar: RadarConfiguration) -> tuple[float, float]:
@@ -289,15 +296,15 @@ def met_occasion(
     if radar.texture_db > 0.0:
         _, parent = pieces(scene, radar.texture_m)
         # Rows as far as they are asked for: a row's draws do not depend on those after it.
-        apart = float(co_apart(math.degrees(radar.centre_incidence_rad)))
-        last = max(1 + POLARIZATIONS.index(GROUND_OF[name]) for name in radar.recorded)
-        parts = 1 + (_CO if apart < 1.0 else last)
+        theta = math.degrees(radar.centre_incidence_rad)
+        weights = [own_weights(GROUND_OF[name], theta) for name in radar.recorded]
+        parts = 2 + int(np.flatnonzero(np.any(weights, axis=0))[-1])
         draws = at_angle(
             visit, "texture", lambda own: half_lasting(visit, own, (parts, len(parent)), radar.frequency_ghz, **key)
         )
         offset = offset[:, parent]
-        for c, name, lookup in _recorded(radar, lookups):
-            offset[c] += radar.texture_db * _mixed(draws, GROUND_OF[name], float(lookup.channel_correlation), apart)
+        for c, of_channel in enumerate(weights):
+            offset[c] += radar.texture_db * _mixed(draws, of_channel, lookups[c].channel_correlation)
     met = replace(met, field_offset_db=offset, field_moisture=moisture)
     if PHASE not in radar.channels:
         return met
@@ -308,7 +315,7 @@ def met_occasion(
         visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
     known = np.where(category < len(scene.categories), category, 0)
-    sd = FIELD_SD * math.sqrt(co_apart(theta))
+    sd = FIELD_SD * float(co_apart(theta))
     of_fields = limited(mean[known] + sd * (departure[0] + 1j * departure[1]))
     if radar.pair == ("RH", "RV"):
         powers = np.array([db_to_linear(_level_db(look, theta)) for look in linear])
