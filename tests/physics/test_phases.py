@@ -499,3 +499,18 @@ def test_a_phase_costs_no_pulses_and_no_data() -> None:
 def test_a_phase_needs_both_channels_and_a_linear_receiver(changes: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigurationError, match=words):
         radar(**changes)
+
+
+def test_at_nadir_a_field_is_related_by_its_own_cross_polarized_power(monkeypatch) -> None:
+    """<HH VV*> = <|HH|^2> - 2 <|HV|^2> of ground that is the same from all sides: its phase tells nothing more."""
+    drawn: list[np.ndarray] = []
+    monkeypatch.setattr(occasion, "limited", lambda relation: drawn.append(relation) or relation)
+    steep = {"depression_angle_deg": 88.0, "resolution_m": 100.0, "altitude_m": 60_000.0, "earth": "flat"}
+    ground, sensor = patches(), radar(channels=FULL, texture_db=0.0, **steep)
+    looks = look_up(ground, sensor, TABLE, (0.2, 5.0))
+    met = occasion.met_occasion(ground, sensor, TABLE, looks, (0.2, 5.0), Visit(), seed=1, run_id=1)
+    kind = ground.cover[10::20, 10::20].ravel()
+    departed = (met.class_offset_db[:, kind] + met.field_offset_db)[:2]
+    hh, hv = (look.sigma0[kind, 0] * 10.0 ** (0.1 * of) for look, of in zip(looks, departed, strict=False))
+    np.testing.assert_allclose(drawn[-1], np.minimum(1.0 - 2.0 * hv / hh, MOST), atol=5e-3)  # two degrees off
+    assert np.ptp(hv / hh) > 0.05

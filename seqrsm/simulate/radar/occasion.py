@@ -309,14 +309,18 @@ def met_occasion(
     if PHASE not in radar.channels:
         return met
     theta = math.degrees(radar.centre_incidence_rad)
-    linear = look_up(scene, replace(radar, channels=("HH", "HV", "VV")), table, ground_state, visit.day)
-    mean = by_angle(_related(radar.frequency_ghz, table, linear[0]).mean, _cross_at_nadir(*linear[:2]), theta)[:, 0]
+    of_ground = replace(radar, channels=("HH", "HV", "VV"), calibration_sd_db=0.0)
+    linear = look_up(scene, of_ground, table, ground_state, visit.day)
+    relation, cross = _related(radar.frequency_ghz, table, linear[0]).mean, _cross_at_nadir(*linear[:2])
+    mean = by_angle(relation, cross, theta)[:, 0]
     departure = at_angle(
         visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
     known = np.where(category < len(scene.categories), category, 0)
-    sd = FIELD_SD * float(co_apart(theta))
-    of_fields = limited(mean[known] + sd * (departure[0] + 1j * departure[1]))
+    fields = draw_occasion(of_ground, linear, category, ground_state, visit, **key)
+    of_hh, of_hv, _ = fields.class_offset_db[:, known] + fields.field_offset_db
+    seen = by_angle(relation[known], cross[known] * db_to_linear(of_hv - of_hh), theta)[:, 0]
+    of_fields = limited(seen + FIELD_SD * float(co_apart(theta)) * (departure[0] + 1j * departure[1]))
     if radar.pair == ("RH", "RV"):
         powers = np.array([db_to_linear(_level_db(look, theta)) for look in linear])
         mean, of_fields = circular(mean, *powers), circular(of_fields, *powers[:, known])
