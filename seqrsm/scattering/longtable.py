@@ -3,8 +3,8 @@
 Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, unit, status, source`` are required;
 ``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]), ``mean_sd`` (standard deviation of
 the mean [dB]; empty: by the status), ``wind_m_s``, ``coherence`` and ``phase_deg`` (magnitude and phase of the mean of
-HH times conjugate VV over the root of both powers) are optional, and so are ``moisture`` and ``snow_cm``, which must be
-empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
+HH times conjugate VV over the root of both powers; the phase asks for HV, too) are optional; ``moisture`` and
+``snow_cm`` must be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
 Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
 where on gamma is.
 
