@@ -153,6 +153,8 @@ class CompromiseEstimate:
         Estimated values there.
     levels : dict
         Probability of each level of each categorical factor; empty without draws.
+    warnings : tuple of str
+        What the summary must say of these settings, as of an analysis.
     """
 
     point: FloatArray
@@ -165,6 +167,7 @@ class CompromiseEstimate:
     front_settings: tuple[dict[str, float | str], ...]
     front_values: FloatArray
     levels: dict[str, dict[str, float]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The compromise as a JSON document."""

@@ -15,7 +15,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
-from seqrsm.campaign.engines import CANNOT_BE_BUILT
+from seqrsm.campaign.engines import CANNOT_BE_BUILT, Settings
 from seqrsm.campaign.experiment import experiment_of
 from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
@@ -106,6 +106,8 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)
     compromise = campaign_compromise(spec, analyses)
+    if compromise is not None:
+        compromise = replace(compromise, warnings=_cannot_be_built(spec, compromise.settings))
     images: tuple[ImagePanel, ...] = ()
     turns, notes = 0, _measured_assumptions(campaign, analyses)
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
@@ -119,7 +121,9 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     more_asked = [name for name, found in (("tradeoff", tradeoff), ("candidates", compared)) if found is not None]
     return Dossier(
         spec=spec,
-        analyses=tuple(_with_hardware(spec, analysis) for analysis in analyses),
+        analyses=tuple(
+            replace(one, warnings=one.warnings + _cannot_be_built(spec, one.optimum.settings)) for one in analyses
+        ),
         runs=store.runs(),
         looks=campaign.looks(analyses),
         events=store.events(),
@@ -138,13 +142,12 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     )
 
 
-def _with_hardware(spec: CampaignSpec, analysis: Analysis) -> Analysis:
-    """With a warning where the recommended radar cannot be built."""
+def _cannot_be_built(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
+    """Warnings where the radar of these settings cannot be built."""
     if spec.simulator is None:
-        return analysis
-    notes = sensor_notes(task_of(spec, NO_RUN, analysis.optimum.settings), scene_at(str(spec.scene_path)))
-    short = tuple(f"At these settings {note}." for note in notes if note.startswith(CANNOT_BE_BUILT))
-    return replace(analysis, warnings=analysis.warnings + short)
+        return ()
+    notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
+    return tuple(f"At these settings {note}." for note in notes if note.startswith(CANNOT_BE_BUILT))
 
 
 def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> tuple[str, ...]:

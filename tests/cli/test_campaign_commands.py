@@ -612,9 +612,14 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     assert "cannot be built" not in (copy / "before.html").read_text(encoding="utf-8").partition("Appendix")[0]
     text = (copy / "campaign.toml").read_text(encoding="utf-8")
     higher = text.replace("peak_power = 1000.0", "peak_power = 1000.0\nantenna_gain_db = 60.0")
-    (copy / "campaign.toml").write_text(higher, encoding="utf-8")
+    price = '[[consideration]]\nname = "price"\nexpr = "100 / resolution"\nideal = 0\nunacceptable = 20\n\n'
+    higher = higher.replace("[simulator]", f"{price}[simulator]", 1)
+    weighed = higher.replace('"percent_correct"', '"percent_correct"\nideal = 100\nunacceptable = 1', 1)
+    (copy / "campaign.toml").write_text(weighed, encoding="utf-8")
     ok("report", copy, "--html", copy / "after.html")
-    assert "this radar cannot be built, gain against beam" in (copy / "after.html").read_text(encoding="utf-8")
+    # Of the compromise in the summary, and of the optimum of the application alone in its section.
+    for part in (copy / "after.html").read_text(encoding="utf-8").split("Overall desirability"):
+        assert "this radar cannot be built, gain against beam" in part
 
 
 def test_check_begins_with_the_application_farthest_from_its_targets(tmp_path, tiny_scene) -> None:

@@ -70,7 +70,8 @@ def compromise_summary(region: Region, found: CompromiseEstimate) -> tuple[Block
     lead, missed = f"Recommended compromise: {settings}.", [g.name for g in found.given_up if g.desirability == 0.0]
     if missed:
         lead += f" It is unacceptable for {listing(missed)}: no setting was found that is acceptable for all."
-    return (Paragraph(lead, "lead"), *drawn, _loss_table(found))
+    warnings = (Paragraph(text, "warning") for text in found.warnings)
+    return (Paragraph(lead, "lead"), *warnings, *drawn, _loss_table(found))
 
 
 def _front_figure(found: CompromiseEstimate) -> FigureBlock:
