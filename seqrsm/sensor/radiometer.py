@@ -68,7 +68,7 @@ class RadiometerConfiguration:
     beam_file : str
         CSV with columns ``angle_beamwidths, gain``.
     antenna_limit_m : float
-        Largest antenna that the craft carries [m]; a finer beam is refused.
+        Largest antenna that the craft carries [m]; a finer beam is refused. By default a large one is only noted.
     gaps : {"record", "refuse"}
         What to do where sweeps leave ground unseen at nadir: score what is recorded, or refuse.
     overlap : {"average", "nearest"}

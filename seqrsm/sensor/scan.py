@@ -32,6 +32,7 @@ _REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
 _MOST_FOOTPRINTS: Final = 20_000_000
 _MOST_BEAMWIDTHS: Final = 1e4  # of a measured pattern from its axis: 180 deg of a beam of 0.018 deg
 _WIDEST_RAD: Final = math.radians(RADIOMETER["scan_half_angle_deg"].high)
+_LARGE_ANTENNA_M: Final = 2.0  # more than a rigid one of Tables A.21 and A.23
 _FAR_M: Final = 1e9  # a scene of 100 km is as wide from there as it is long, to 1e-8
 
 
@@ -147,7 +148,7 @@ def scan_geometry(
         across=smeared(along, smear),
         notes=(),
     )
-    return replace(scan, notes=_notes(radiometer, scan, edge - 0.5 * beta))
+    return replace(scan, notes=(*_large_antenna(radiometer, height_m), *_notes(radiometer, scan, edge - 0.5 * beta)))
 
 
 def _conical_geometry(
@@ -186,6 +187,7 @@ def _conical_geometry(
         along=smeared(beam, smear),
         across=beam,
         notes=(
+            *_large_antenna(radiometer, height_m),
             f"conical scan: a beam of {length:.4g} by {width:.4g} m moves {smear * width:.4g} m while it integrates; "
             f"{covered}{', gaps between' if advance > length else ''}",
             f"arc of the scan: it lies {behind:.3g} m farther back at the scene's sides, which is left out",
@@ -223,6 +225,14 @@ def _problems(radiometer: RadiometerConfiguration, height_m: float, advance: flo
         remedy = f"Use a period of at most {limit:.4g} s, a coarser resolution or a slower craft"
         problems.append(Problem(text, remedy, field="scan_period", value=radiometer.scan_period_s))
     return problems
+
+
+def _large_antenna(radiometer: RadiometerConfiguration, height_m: float) -> tuple[str, ...]:
+    """The antenna that the beam needs, where it is large and nobody has said what the craft carries."""
+    antenna = radiometer.antenna_m(height_m)
+    if antenna <= _LARGE_ANTENNA_M or radiometer.antenna_limit_m < RADIOMETER["antenna_limit_m"].high:
+        return ()
+    return (f"large antenna: the beam needs {antenna:.3g} m; give antenna_limit_m, the largest that the craft carries",)
 
 
 def _notes(radiometer: RadiometerConfiguration, scan: ScanGeometry, outermost: float) -> tuple[str, ...]:

@@ -216,6 +216,19 @@ def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
         image(scene(np.full((5, 5), 1200.0)), radiometer(), Table((0.9,)))
 
 
+@pytest.mark.parametrize("cone", [{}, {"conical_incidence_deg": 55.0}])
+def test_a_large_antenna_is_told_where_no_limit_is_given(cone):
+    """1.22 wavelengths an antenna is the half-power beam: at 1 GHz from 5700 m 26 m for a footprint of 80 m."""
+    given = {"frequency_ghz": 1.0, "bandwidth_mhz": 25.0, "resolution_m": 80.0, "integration_time_ms": 1.0, **cone}
+    # On a cone the beam goes 1 / cos as far, and its narrow side is the resolution times the root of cos.
+    cos = math.cos(math.radians(cone.get("conical_incidence_deg", 0.0)))
+    (told,) = (n for n in scan_geometry(radiometer(**given), 5700.0, 1e3, 1e3).notes if "antenna" in n)
+    needs = 1.22 * 0.299792458 * 5700.0 / 80.0 / cos**1.5
+    assert float(told.partition("needs ")[2].split()[0]) == pytest.approx(needs, rel=0.01)
+    limited = radiometer(**given, antenna_limit_m=100.0)
+    assert not any("antenna" in note for note in scan_geometry(limited, 5700.0, 1e3, 1e3).notes)
+
+
 @pytest.mark.parametrize("receiver", ["total_power", "dicke", "correlation"])
 def test_radiometric_resolution_by_monte_carlo(receiver):
     # The receiver on white Gaussian noise: 2 B tau samples to an estimate of T_A, many estimates.
