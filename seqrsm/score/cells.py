@@ -16,9 +16,15 @@ from seqrsm.units import reciprocal_factor, unit_factor, units_like
 MAX_PROBLEMS = 100
 
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]()]*?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
+# How names of months begin in English, German, French, Spanish, Italian, Portuguese and Dutch; "GHz" is none.
+_MONTH = (
+    "(?:jan|ene|gen|f[eé]b|f[eé]v|mar|m[aä]r|mrz|mrt|apr|abr|avr|ma[iyg]|mei|jun|jui|giu|jul|lug|aug|ago|ao[uû]"
+    r"|se[pt]|o[ckt]t|out|nov|d[eé][cz]|dic)[^\W\d_]{0,7}"
+)
 # What spreadsheets make of 1.5 or 5-1 where they take it for a day: "01. Mai", "5-Jan", "Mai 05", "2024-05-01".
 _DATE = re.compile(
-    r"\d{1,2}[. -]+[^\W\d_]{3,9}\.?([ -]\d{2,4})?|[^\W\d_]{3,9}[. -]+\d{2,4}|\d{1,4}([-/.])\d{1,2}\2\d{2,4}"
+    rf"\d{{1,2}}[. -]+{_MONTH}\.?([ -]\d{{2,4}})?|{_MONTH}[. -]+\d{{2,4}}|\d{{1,4}}([-/.])\d{{1,2}}\2\d{{2,4}}",
+    re.IGNORECASE,
 )
 _RECIPROCALS = {"wavelength": "frequency", "frequency": "wavelength"}
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
