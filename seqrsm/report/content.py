@@ -56,7 +56,7 @@ def build_report(dossier: Dossier) -> Report:
             sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
             methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))
     sections += (
-        candidate_section(dossier.candidates),
+        candidate_section(dossier.candidates, named=bool(spec.candidates)),
         calendar_section(dossier),
         image_section(dossier),
         literature_section(dossier),

@@ -154,7 +154,10 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     other = asked.replace("peak_power = 0.001", "peak_power = 0.002")
     assert other != asked
     (compared / "campaign.toml").write_text(other, encoding="utf-8")
-    assert assemble(Campaign.open(compared)).candidates is None  # others were compared
+    dossier = assemble(Campaign.open(compared))
+    assert dossier.candidates is None  # others were compared
+    (told,) = (section for section in build_report(dossier).sections if section.key == "candidates")
+    assert "have not been compared with this optimum: run `seqrsm candidates`" in str(told)
     (compared / "campaign.toml").write_text(text, encoding="utf-8")
 
 

@@ -26,13 +26,20 @@ _NAMES = {
 }  # fmt: skip
 
 
-def candidate_section(measured: Mapping[str, Any] | None, *, every: bool = False) -> Section | None:
-    """Return what `seqrsm.campaign.candidates.measure_candidates` found; None where it was not run.
+def candidate_section(
+    measured: Mapping[str, Any] | None, *, named: bool = False, every: bool = False
+) -> Section | None:
+    """Return what `seqrsm.campaign.candidates.measure_candidates` found.
 
-    By default of the twenty most probable of each application, and how many others there are.
+    By default of the twenty most probable of each application, and how many others there are. Where it found nothing of
+    this optimum, None, or what to do if the campaign names candidates.
     """
     if measured is None:
-        return None
+        todo = (
+            "The candidates in campaign.toml have not been compared with this optimum: run `seqrsm candidates`, then "
+        )
+        todo += "write the report again."
+        return Section("candidates", "Candidate sensors", (Paragraph(todo, "warning"),)) if named else None
     several = len(measured["applications"]) > 1
     parts = tuple(
         Section(f"candidates-{slug(name)}", name if several else "Candidates", tuple(_blocks(name, found, every)))
