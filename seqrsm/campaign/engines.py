@@ -29,7 +29,14 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import look_up
-from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar, tops_counted_twice
+from seqrsm.simulate.radar.psm import (
+    SATURATED,
+    TOO_WEAK,
+    blind_channels,
+    finer_than_cells,
+    simulate_radar,
+    tops_counted_twice,
+)
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
@@ -37,6 +44,8 @@ from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 
 Settings = Mapping[str, float | str]
 CANNOT_BE_BUILT: Final = "this radar cannot be built"
+NOT_TO_BE_USED: Final = (CANNOT_BE_BUILT, TOO_WEAK, SATURATED)
+"""How those notes on a sensor begin that no recommendation may go without."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,10 @@ from PIL import Image
 from tiny_campaign import TINY
 from typer.testing import CliRunner
 
+from seqrsm.campaign.dossier import _not_to_be_used
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.spec.read import load_spec
 
 QUIET = 'fading = "none"\n'
 
@@ -414,6 +416,16 @@ def test_channels_that_see_nothing_are_told_by_check(campaign):
     assert "weaker than the receiver's noise at 6 of 6 settings" in weak
     assert "every cover in HH" in weak
     strong = told('receiver = "saturation"\nreceiver_level_db = -60.0\n')
-    assert "saturated receiver at 6 of 6 settings" in strong
+    assert "the receiver is saturated at 6 of 6 settings" in strong
     assert "the level of -60 dB" in strong
     assert not told("receiver_level_db = -60.0\n")
+
+
+def test_a_report_warns_of_recommended_settings_at_which_nothing_is_seen(campaign):
+    def warnings(more: str) -> tuple[str, ...]:
+        spec = load_spec(campaign(more))
+        return _not_to_be_used(spec, spec.region.decode(spec.region.candidates(n_continuous_levels=3)[:1])[0])
+
+    assert not warnings("")
+    (told,) = warnings("peak_power = 1e-6\n")
+    assert "At these settings the echo is weaker than the receiver's noise: every cover in HH" in told

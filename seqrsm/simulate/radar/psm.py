@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from typing import Final
 
 import numpy as np
 
@@ -43,6 +44,9 @@ from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.runner import do_all
 from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
+
+TOO_WEAK: Final = "the echo is weaker than the receiver's noise"
+SATURATED: Final = "the receiver is saturated"
 
 
 def simulate_radar(
@@ -337,10 +341,10 @@ def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequen
     notes = []
     if weak:
         text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
-        notes.append(f"echo weaker than the receiver's noise: {text}")
+        notes.append(f"{TOO_WEAK}: {text}")
     if strong:
         text = f"every cover in {' and '.join(strong)} returns more than the level of {level_db:g} dB"
-        notes.append(f"saturated receiver: {text}")
+        notes.append(f"{SATURATED}: {text}")
     return notes
 
 
