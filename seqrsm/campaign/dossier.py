@@ -15,11 +15,10 @@ from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
-from seqrsm.campaign.engines import NOT_TO_BE_USED, Settings
 from seqrsm.campaign.experiment import experiment_of
 from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
-from seqrsm.campaign.simulation import NO_RUN, scene_at, sensor_notes, task_of
+from seqrsm.campaign.simulation import not_to_be_used, scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.plain import counted
 from seqrsm.remember import remembered
@@ -107,7 +106,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)
     compromise = campaign_compromise(spec, analyses)
     if compromise is not None:
-        compromise = replace(compromise, warnings=_not_to_be_used(spec, compromise.settings))
+        compromise = replace(compromise, warnings=not_to_be_used(spec, compromise.settings))
     images: tuple[ImagePanel, ...] = ()
     turns, notes = 0, _measured_assumptions(campaign, analyses)
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
@@ -122,7 +121,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     return Dossier(
         spec=spec,
         analyses=tuple(
-            replace(one, warnings=one.warnings + _not_to_be_used(spec, one.optimum.settings)) for one in analyses
+            replace(one, warnings=one.warnings + not_to_be_used(spec, one.optimum.settings)) for one in analyses
         ),
         runs=store.runs(),
         looks=campaign.looks(analyses),
@@ -140,14 +139,6 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         rankings=store.ranking_summaries(),
         calendar=crop_calendar(spec, (compromise or analyses[0].optimum).settings) if spec.simulator else None,
     )
-
-
-def _not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
-    """Warnings where the radar of these settings cannot be built, or sees nothing in a channel."""
-    if spec.simulator is None:
-        return ()
-    notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
-    return tuple(f"At these settings {note}." for note in notes if note.startswith(NOT_TO_BE_USED))
 
 
 def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_faile
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
-from seqrsm.campaign.simulation import check_simulator
+from seqrsm.campaign.simulation import check_simulator, not_to_be_used
 from seqrsm.errors import OvertakenError, StoreError, UserError
 from seqrsm.plain import counted
 from seqrsm.store.records import WAITING, RunRecord
@@ -253,10 +253,16 @@ class _ClosedLoop:
         self.say("sampling the posterior")
         with self._timed("sample"):
             thorough = campaign.analyse_all(sampler="emcee", thorough=True)  # as `fit` and `report` will ask for it
-            analyses = tuple(replace(analysis, steps=(), thorough=False) for analysis in thorough)
+            analyses = tuple(replace(one, steps=(), thorough=False) for one in thorough)
+        unusable = (not_to_be_used(campaign.spec, one.optimum.settings) for one in analyses)
+        analyses = tuple(
+            replace(one, warnings=one.warnings + more) for one, more in zip(analyses, unusable, strict=True)
+        )
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
         compromise = campaign_compromise(campaign.spec, analyses)
+        if compromise is not None:
+            compromise = replace(compromise, warnings=not_to_be_used(campaign.spec, compromise.settings))
         return Outcome(held, analyses, self.seconds, n_scored, compromise, rests)
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:

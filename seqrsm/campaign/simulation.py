@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
-from seqrsm.campaign.engines import ENGINES, Settings, check_utility, loaded, score_by
+from seqrsm.campaign.engines import ENGINES, NOT_TO_BE_USED, Settings, check_utility, loaded, score_by
 from seqrsm.design.factors import settings_text
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -531,6 +531,14 @@ def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):
             notes += ENGINES[one.engine].examine(scene, one.sensor, task.scattering(one.engine), one.visit.day)
     return notes
+
+
+def not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
+    """Warnings where the radar of these settings cannot be built, or sees nothing in a channel."""
+    if spec.simulator is None:
+        return ()
+    notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
+    return tuple(f"At these settings {note}." for note in notes if note.startswith(NOT_TO_BE_USED))
 
 
 def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_points: int) -> Problem:

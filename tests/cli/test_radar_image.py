@@ -15,7 +15,7 @@ from PIL import Image
 from tiny_campaign import TINY
 from typer.testing import CliRunner
 
-from seqrsm.campaign.dossier import _not_to_be_used
+from seqrsm.campaign.simulation import not_to_be_used
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
@@ -424,7 +424,7 @@ def test_channels_that_see_nothing_are_told_by_check(campaign):
 def test_a_report_warns_of_recommended_settings_at_which_nothing_is_seen(campaign):
     def warnings(more: str) -> tuple[str, ...]:
         spec = load_spec(campaign(more))
-        return _not_to_be_used(spec, spec.region.decode(spec.region.candidates(n_continuous_levels=3)[:1])[0])
+        return not_to_be_used(spec, spec.region.decode(spec.region.candidates(n_continuous_levels=3)[:1])[0])
 
     assert not warnings("")
     (told,) = warnings("peak_power = 1e-6\n")
