@@ -33,6 +33,8 @@ _ROUNDED_ENDS = 0.02
 """Share of a range by which its ends may have been rounded when its unit was changed."""
 _CLOSE = 5.0
 """Ratio below which two units are close: a metre has 3.3 feet."""
+_LEAST_TIMES = 3
+"""Flights of a day, with a run each, may be two."""
 _LEAST_SCORES = 6
 _SPREADS = 10.0
 """A score is far from the others when it is so many of their standard deviations (by quartiles) from their median."""
@@ -41,6 +43,8 @@ _LEAST_SPREAD = 0.02
 
 _DAY = re.compile(r"(\d{1,4})([-/.])(\d{1,2})\2(\d{2,4})(?:[T ][0:.]+)?")
 """A day as spreadsheets write it: 2026-02-03, 03.02.2026, 2/3/26."""
+_TIME = re.compile(r"(.*\d)[T ]+\d{1,2}:\d{2}\S*(?: ?[ap]m)?", re.IGNORECASE)
+"""A day with the time: 2026-02-03T09:30:00+02:00, 2/3/26 9:30 am."""
 _DIGITS = re.compile(r"(?<!\d)(\d{4})(\d{2})(\d{2})(?!\d)")
 """A day as files are named by it: 20260203."""
 _IDLE = re.compile(r"[\s_]|(?<![\d.])0+(?=\d)|(?<=\d)\.0+(?![\d.])")
@@ -70,6 +74,7 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
         *_settings(spec, file),
         *_scores(spec, file, scored),
         *_blocks(spec, file, runs),
+        *_times(spec, file),
         *_twice(file),
         *_corrections(spec, file, scored),
         *_void(file, runs),
@@ -263,6 +268,19 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
         elif other != block:
             message = f"the block '{other}' differs by case, blanks or notation alone"
             yield row, column, block, message, f"Write {other}."
+
+
+def _times(spec: CampaignSpec, file: ScoresFile) -> _Found:
+    """Blocks that are the times of single runs, which leave no two runs of a day to tell how days differ."""
+    of_day: dict[tuple[str, str], list[tuple[str, MeasuredScore]]] = {}
+    for row in file.scores if spec.model.block else ():
+        if told := _TIME.fullmatch(block := block_of(spec, row)):
+            of_day.setdefault((told[1], row.application), []).append((block, row))
+    for (day, _), rows in of_day.items():
+        if len({block for block, _ in rows}) == len(rows) >= _LEAST_TIMES:
+            message = f"each run of {day} has a time of its own, and so a block of its own"
+            for block, row in rows:
+                yield row, spec.model.block or "", block, message, "Write the day alone."
 
 
 def is_moved(spec: CampaignSpec, score: MeasuredScore, run: RunRecord) -> bool:

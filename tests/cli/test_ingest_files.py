@@ -662,6 +662,24 @@ def test_a_block_in_another_notation_is_held_back(make, day, held):
     assert ("more.csv:2: day: the block '03.02.2026' differs by case, blanks or notation alone" in told) == held
 
 
+@pytest.mark.parametrize(
+    ("times", "held"),
+    [
+        (["2026-02-03T09:30", "2026-02-03T09:50", "2026-02-03T10:10"], True),
+        (["3.2.2026 9:30:00", "3.2.2026 9:50:00", "3.2.2026 10:10:00"], True),
+        (["2/3/26 9:30 AM", "2/3/26 1:50 PM", "2/3/26 2:10 PM"], True),
+        (["2026-02-03T09:30+02:00", "2026-02-03T09:30+02:00", "2026-02-03T14:10+02:00"], False),  # two flights
+        (["2026-02-03T09:30", "2026-02-04T09:50", "2026-02-05T10:10"], False),  # a run a day
+    ],
+)
+def test_days_with_the_time_of_each_run_are_held_back(make, times, held):
+    """Each run was a block of its own, and the fit of a small campaign failed."""
+    folder = make('[model]\nblock = "day"')
+    rows = "".join(f"{2 + k},12,HH,{70 + k},{time}\n" for k, time in enumerate(times))
+    told = folder.ingest(f"{HEADER},day\n{rows}", code=2 * held)
+    assert ("has a time of its own, and so a block of its own (so 2 more rows: lines 3, 4)" in told) == held
+
+
 @pytest.mark.parametrize("word", ["NA", "nan", "#N/A"])
 def test_a_word_for_no_day_is_no_day(make, word):
     """R writes NA where a day is missing: all such flights were of one day of that name."""
