@@ -475,8 +475,8 @@ def _guess_check(guess: float, look: Look, width: float, unit: str) -> Check:
     said = f"{'The existing map alone' if look.known_map else 'Guessing without an image'} scores {amount(guess, unit)}"
     if lead > width:
         return Check("guess", True, f"{said}; the optimum is better by {amount(lead, unit)}.")
-    away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
-    text = f"{said}; the optimum is {away}, less than its half-width, so no setting is shown to beat {what}."
+    away = f"better by {amount(lead, unit)}, less than its half-width" if lead > 0.0 else "no better"
+    text = f"{said}; the optimum is {away}, so no setting is shown to beat {what}."
     return Check("guess", False, text)
 
 

@@ -355,4 +355,8 @@ def test_what_the_images_are_held_against_is_named(known_map: bool, says: str) -
     look = Look(60, 6, 2.0, 54, 5, 0.1, 0.5, guess=60.7, lead=0.1, known_map=known_map)
     (check,) = [one for one in decide(StopRule(half_width=5.0), look, None, "percent").checks if one.name == "guess"]
     assert check.text.startswith(f"{says} scores 60.7 percent; ")
+    assert "; the optimum is better by 0.1 percent, less than its half-width, so" in check.text
     assert check.text.endswith(f"beat {'the existing map' if known_map else 'guessing'}.")
+    worse = decide(StopRule(half_width=5.0), replace(look, lead=-3.0), None, "percent").checks
+    (check,) = [one for one in worse if one.name == "guess"]
+    assert "; the optimum is no better, so no setting" in check.text

@@ -59,7 +59,7 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
         panels.append(drawing.panel("Mean score at the optimum", alt, paint, "history of mean score", data))
     lines = "Dashed green: target of the stop rule" if known else ""
     if known and analysis.decision.noise_floor > 0.0:
-        lines += "; dotted grey: noise floor, which more runs cannot lower"
+        lines += "; dotted grey: noise floor as estimated now, which more runs cannot lower"
     band = "Band: confidence interval of the mean" if any(math.isfinite(look.confidence[0]) for look in looks) else ""
     caption = " ".join(f"{text}." for text in ("Results of each interim analysis", lines, band) if text)
     return FigureBlock(lambda: tuple(panels), caption, columns=3)
