@@ -6,7 +6,7 @@ where it was, and ends with the same result as one that was not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import MEASURED, RANKED, measured_ground
 from seqrsm.analysis.results import Analysis
@@ -97,6 +98,8 @@ class Campaign:
     ) -> tuple[Analysis, ...]:
         """Analysis of every application, or of the one named; ``thorough``: see `analyse`; it is remembered.
 
+        A thorough one warns of recommended settings of a sensor that is not to be used.
+
         Raises
         ------
         FitError, ConvergenceError, SpecError
@@ -113,7 +116,24 @@ class Campaign:
             of = (self.spec.spec_hash, app.name, runs, ground, [event.detail for event in ranked], sampler, n_draws)
             return remembered(partial(made, ranked=ranked, thorough=True), of)
 
-        return tuple(found(app) for app in wanted)
+        analyses = tuple(found(app) for app in wanted)
+        if not thorough:
+            return analyses
+        return tuple(
+            replace(one, warnings=one.warnings + self._not_to_be_used(one.optimum.settings)) for one in analyses
+        )
+
+    def compromise(self, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
+        """Compromise over all applications and considerations, with warnings as of an analysis; None without."""
+        found = campaign_compromise(self.spec, analyses)
+        return None if found is None else replace(found, warnings=self._not_to_be_used(found.settings))
+
+    def _not_to_be_used(self, settings: Mapping[str, float | str]) -> tuple[str, ...]:
+        if self.spec.simulator is None:
+            return ()
+        from seqrsm.campaign.simulation import not_to_be_used  # the engines, which measured campaigns do without
+
+        return not_to_be_used(self.spec, settings)
 
     def record_looks(self, analyses: Sequence[Analysis]) -> None:
         """Record what was found, once: a second look at the same runs is not a look.

@@ -6,19 +6,19 @@ import platform
 import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
 
 from seqrsm import __version__
-from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
 from seqrsm.campaign.experiment import experiment_of
 from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
-from seqrsm.campaign.simulation import not_to_be_used, scene_at
+from seqrsm.campaign.simulation import scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.plain import counted
 from seqrsm.remember import remembered
@@ -104,9 +104,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)
-    compromise = campaign_compromise(spec, analyses)
-    if compromise is not None:
-        compromise = replace(compromise, warnings=not_to_be_used(spec, compromise.settings))
+    compromise = campaign.compromise(analyses)
     images: tuple[ImagePanel, ...] = ()
     turns, notes = 0, _measured_assumptions(campaign, analyses)
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
@@ -120,9 +118,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     more_asked = [name for name, found in (("tradeoff", tradeoff), ("candidates", compared)) if found is not None]
     return Dossier(
         spec=spec,
-        analyses=tuple(
-            replace(one, warnings=one.warnings + not_to_be_used(spec, one.optimum.settings)) for one in analyses
-        ),
+        analyses=analyses,
         runs=store.runs(),
         looks=campaign.looks(analyses),
         events=store.events(),

@@ -26,6 +26,7 @@ from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.hardware import Limit, limits
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.scan import LARGE_ANTENNA
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.occasion import look_up
@@ -44,7 +45,7 @@ from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 
 Settings = Mapping[str, float | str]
 CANNOT_BE_BUILT: Final = "this radar cannot be built"
-NOT_TO_BE_USED: Final = (CANNOT_BE_BUILT, TOO_WEAK, SATURATED)
+NOT_TO_BE_USED: Final = (CANNOT_BE_BUILT, TOO_WEAK, SATURATED, LARGE_ANTENNA)
 """How those notes on a sensor begin that no recommendation may go without."""
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
-from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.conclude import LOOK_DRAWS
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
@@ -19,7 +19,7 @@ from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_faile
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
-from seqrsm.campaign.simulation import check_simulator, not_to_be_used
+from seqrsm.campaign.simulation import check_simulator
 from seqrsm.errors import OvertakenError, StoreError, UserError
 from seqrsm.plain import counted
 from seqrsm.store.records import WAITING, RunRecord
@@ -254,16 +254,9 @@ class _ClosedLoop:
         with self._timed("sample"):
             thorough = campaign.analyse_all(sampler="emcee", thorough=True)  # as `fit` and `report` will ask for it
             analyses = tuple(replace(one, steps=(), thorough=False) for one in thorough)
-        unusable = (not_to_be_used(campaign.spec, one.optimum.settings) for one in analyses)
-        analyses = tuple(
-            replace(one, warnings=one.warnings + more) for one, more in zip(analyses, unusable, strict=True)
-        )
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
-        compromise = campaign_compromise(campaign.spec, analyses)
-        if compromise is not None:
-            compromise = replace(compromise, warnings=not_to_be_used(campaign.spec, compromise.settings))
-        return Outcome(held, analyses, self.seconds, n_scored, compromise, rests)
+        return Outcome(held, analyses, self.seconds, n_scored, campaign.compromise(analyses), rests)
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""

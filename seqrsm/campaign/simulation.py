@@ -534,10 +534,14 @@ def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
 
 
 def not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
-    """Warnings where the radar of these settings cannot be built, or sees nothing in a channel."""
-    if spec.simulator is None:
+    """Warnings where a sensor of these settings cannot be built, sees nothing, or needs a large antenna.
+
+    None where it cannot be simulated as things stand: results do not need it.
+    """
+    try:
+        notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
+    except (UserError, OSError):
         return ()
-    notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
     return tuple(f"At these settings {note}." for note in notes if note.startswith(NOT_TO_BE_USED))
 
 

@@ -339,7 +339,6 @@ class Campaign:
         test : str or sequence of str
             Partial F tests, each of comma-separated factors, terms or groups.
         """
-        from seqrsm.analysis.compromise import campaign_compromise
         from seqrsm.analysis.study import term_test
 
         _see(str | None, application=application)
@@ -350,7 +349,7 @@ class Campaign:
         opened = self.opened
         analyses = opened.analyse_all(application, sampler="emcee", thorough=True)
         tests = [[term_test(analysis, text) for text in wanted] for analysis in analyses]
-        return Fit(opened, analyses, tests, campaign_compromise(opened.spec, analyses))
+        return Fit(opened, analyses, tests, opened.compromise(analyses))
 
     @_one_thread
     def candidates(self, *, worlds: int = 16, workers: int = 1, progress: Any = lambda done, of: None) -> Candidates:

@@ -28,6 +28,7 @@ from seqrsm.sensor.radiometer import RadiometerConfiguration
 BEAM_STEPS_A_WIDTH: Final = 128
 """Steps of the table of a beam's running integral in one half-power beamwidth."""
 
+LARGE_ANTENNA: Final = "the beam needs a large antenna"
 _REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
 _MOST_FOOTPRINTS: Final = 20_000_000
 _MOST_BEAMWIDTHS: Final = 1e4  # of a measured pattern from its axis: 180 deg of a beam of 0.018 deg
@@ -232,7 +233,7 @@ def _large_antenna(radiometer: RadiometerConfiguration, height_m: float) -> tupl
     antenna = radiometer.antenna_m(height_m)
     if antenna <= _LARGE_ANTENNA_M or radiometer.antenna_limit_m < RADIOMETER["antenna_limit_m"].high:
         return ()
-    return (f"large antenna: the beam needs {antenna:.3g} m; give antenna_limit_m, the largest that the craft carries",)
+    return (f"{LARGE_ANTENNA}: {antenna:.3g} m; give antenna_limit_m, the largest that the craft carries",)
 
 
 def _notes(radiometer: RadiometerConfiguration, scan: ScanGeometry, outermost: float) -> tuple[str, ...]:

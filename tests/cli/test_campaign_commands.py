@@ -619,6 +619,8 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     weighed = higher.replace('"percent_correct"', '"percent_correct"\nideal = 100\nunacceptable = 1', 1)
     (copy / "campaign.toml").write_text(weighed, encoding="utf-8")
     ok("report", copy, "--html", copy / "after.html")
+    told = json.loads(ok("fit", copy, "--json"))
+    assert any("cannot be built, gain against beam" in text for text in told["warnings"])
     # Of the compromise in the summary, and of the optimum of the application alone in its section.
     for part in (copy / "after.html").read_text(encoding="utf-8").split("Overall desirability"):
         assert "this radar cannot be built, gain against beam" in part

@@ -224,7 +224,7 @@ def test_a_large_antenna_is_told_where_no_limit_is_given(cone):
     cos = math.cos(math.radians(cone.get("conical_incidence_deg", 0.0)))
     (told,) = (n for n in scan_geometry(radiometer(**given), 5700.0, 1e3, 1e3).notes if "antenna" in n)
     needs = 1.22 * 0.299792458 * 5700.0 / 80.0 / cos**1.5
-    assert float(told.partition("needs ")[2].split()[0]) == pytest.approx(needs, rel=0.01)
+    assert float(told.partition("antenna: ")[2].split()[0]) == pytest.approx(needs, rel=0.01)
     limited = radiometer(**given, antenna_limit_m=100.0)
     assert not any("antenna" in note for note in scan_geometry(limited, 5700.0, 1e3, 1e3).notes)
 
