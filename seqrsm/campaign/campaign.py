@@ -247,14 +247,14 @@ class Campaign:
         waiting = any(run.purpose == CONFIRMATION and run.state in WAITING for run in made)
         if not waiting and any(one.decision.wants_confirmation for one in analyses):
             fresh = confirmation_batch(self.spec, analyses, own)
-            ids = self.store.add_batch(fresh, issue=True)  # beyond the budget
+            ids = self.store.add_batch(fresh)  # beyond the budget
         elif left <= 0:
             spent = Problem(f"the budget of {budget} runs is spent", "Raise [stop] max_runs.")
             raise StoreError(placed(self.spec, spent, "stop", "max_runs"))
         else:
             proposed = self._proposals(made, min(n or self.spec.batch, left), source, own, analyses)[:left]
             runs = in_random_order(proposed, self.spec.seed, len(made))
-            ids = self.store.add_batch(runs, issue=True, budget=budget)
+            ids = self.store.add_batch(runs, budget=budget)
         return tuple(run for run in self.store.runs() if run.run_id in set(ids))
 
     def _looked(self, runs: Sequence[RunRecord], left: int) -> tuple[Analysis, ...]:

@@ -262,4 +262,4 @@ class _ClosedLoop:
         """Fresh runs at the recommended settings; several applications each get their own."""
         runs = confirmation_batch(self.campaign.spec, analyses, "simulation")
         self.say(f"{len(runs)} confirmation runs at the recommended settings")
-        self.campaign.store.add_batch(runs, issue=True)
+        self.campaign.store.add_batch(runs)

@@ -14,13 +14,12 @@ from operator import attrgetter, itemgetter
 from typing import Any
 
 from seqrsm.store.records import DERIVED, EventRecord, LookRecord, RunRecord, misfit
+from seqrsm.store.schema import STATES
 
 _EVENT = ("at", "version", "seed", "run_id", "kind", "detail")
 _RUN = ("batch", "purpose", "why", "source", "proposed", "executed", "block", "cost")
 _SCORE = ("application", "score", "se", "n", "correct", "metadata", "source_file", "source_row")
-_STATES = {"released": "issued", "retried": "issued"} | {
-    kind: kind for kind in ("proposed", "issued", "running", "scored", "failed", "void")
-}
+_STATES = {"released": "issued", "retried": "issued"} | {kind: kind for kind in STATES}
 _event_columns, _run_columns, _score_columns = attrgetter("event", *_EVENT), attrgetter(*_RUN), attrgetter(*_SCORE)
 _text = json.JSONEncoder(sort_keys=True, ensure_ascii=False, allow_nan=False).encode
 

@@ -92,19 +92,17 @@ class Ledger:
             self.connection.execute(sa.insert(EVENTS), rows)
 
     def add_runs(
-        self, runs: Sequence[NewRun], *, batch: int, issue: bool = False, values: Sequence[Mapping[str, Any]] = ()
+        self, runs: Sequence[NewRun], *, batch: int, made: Sequence[Mapping[str, Any]] = ()
     ) -> tuple[int, ...]:
-        """Insert runs with consecutive ids; ``values``: other columns to set, for each run."""
-        state, now, first = ("issued" if issue else "proposed"), utc_now(), self.next_id()
+        """Insert runs with consecutive ids and issue them; ``made``: columns of those that were made already."""
+        now, first = utc_now(), self.next_id()
         rows = [
             {
                 **_run_row(run),
                 "id": first + i,
                 "batch": batch,
-                "state": state,
                 "proposed_at": now,
-                "issued_at": now if issue else None,
-                **(values[i] if values else {}),
+                **(made[i] if made else {"state": "issued", "issued_at": now}),
             }
             for i, run in enumerate(runs)
         ]
@@ -113,7 +111,7 @@ class Ledger:
         self.log(
             "proposed", [(row["id"], {**{n: row[n] for n in told}, "run_digest": run_digest(row)}) for row in rows]
         )
-        if issue:
+        if not made:
             self.log("issued", [(row["id"], {"from": "proposed"}) for row in rows])
         return tuple(row["id"] for row in rows)
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 Settings: TypeAlias = dict[str, float | str]
 
-WAITING = ("proposed", "issued", "running")
+WAITING = ("issued", "running")
 """States of runs that are still to be scored."""
 
 CONFIRMATION = "confirmation"
@@ -108,7 +108,7 @@ class RunRecord:
     purpose, why, source, cost, block :
         As of `NewRun`.
     state : str
-        "proposed", "issued", "running", "scored", "failed" or "void".
+        "issued", "running", "scored", "failed" or "void".
     proposed, executed : dict, dict or None
         Settings asked for, and those really flown or simulated where they were recorded.
     reason : str
@@ -326,7 +326,7 @@ class IngestOutcome:
     Attributes
     ----------
     matched : tuple of int
-        Proposed or issued runs that now have scores.
+        Issued runs that now have scores.
     created : tuple of int
         New runs, replacements of void ones included.
     replaced : tuple of (int, int)

@@ -14,7 +14,6 @@ from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRec
 
 #: States of a run, and the states that each may pass into.
 TRANSITIONS: dict[str, frozenset[str]] = {
-    "proposed": frozenset({"issued", "running", "scored", "void"}),
     "issued": frozenset({"running", "scored", "failed", "void"}),
     "running": frozenset({"issued", "scored", "failed", "void"}),
     "scored": frozenset({"void"}),

@@ -1,6 +1,6 @@
 """The campaign's memory: runs, scores, looks, and an event for every change.
 
-States: proposed -> issued -> running -> scored | failed; any -> void. Nothing is ever deleted. Each method is one short
+States: issued -> running -> scored | failed; any -> void. Nothing is ever deleted. Each method is one short
 transaction; when it returns, what it recorded survives a crash.
 
 Decisions (batches, looks) rest on what was read before. `Store.mark` says from where on; a decision is refused with
@@ -142,11 +142,11 @@ class Store:
 
     # -- proposing and carrying out -------------------------------------------------------------------------------
 
-    def add_batch(self, runs: Sequence[NewRun], *, issue: bool = False, budget: int | None = None) -> tuple[int, ...]:
-        """Store proposals as one batch; all or none; return run ids in the order given. A decision, see `mark`.
+    def add_batch(self, runs: Sequence[NewRun], *, budget: int | None = None) -> tuple[int, ...]:
+        """Issue proposals as one batch; all or none; return run ids in the order given. A decision, see `mark`.
 
-        Equal settings are repeats and stay apart. ``issue`` them at once; ``budget`` is that of the whole campaign,
-        confirmation runs apart, which must not be passed.
+        Equal settings are repeats and stay apart. ``budget`` is that of the whole campaign, confirmation runs apart,
+        which must not be passed.
 
         Raises
         ------
@@ -162,10 +162,10 @@ class Store:
                     f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
                 )
                 raise StoreError(message, "Raise [stop] max_runs.", field="max_runs", value=budget)
-            return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
+            return ledger.add_runs(runs, batch=ledger.last_batch() + 1)
 
     def issue(self, run_ids: Iterable[int]) -> None:
-        """Hand proposed (or failed, for another attempt) runs out to be carried out."""
+        """Hand failed runs out again, for another attempt."""
         with self._write() as ledger:
             ledger.move(run_ids, "issued", _ISSUED | {"issued_at": utc_now()})
 
@@ -191,13 +191,13 @@ class Store:
             return ids
 
     def claim(self, most: int | None = None) -> tuple[RunRecord, ...]:
-        """Take proposed or issued simulations for this process to carry out; no two processes get the same run.
+        """Take issued simulations for this process to carry out; no two processes get the same run.
 
         ``most``: so many at once, the first; all by default.
 
         Returns the runs, now in state "running".
         """
-        free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == "simulation")
+        free = (RUNS.c.state == "issued", RUNS.c.source == "simulation")
         query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id).limit(most)
         with self._write() as ledger:
             ids = tuple(ledger.connection.execute(query).scalars())

@@ -221,7 +221,7 @@ def _create(ledger: Ledger, fresh: Sequence[tuple[IngestedRun, RunRecord | None]
             "replaces": None if old is None else old.run_id,
         }
         values.append(other)
-    ids = ledger.add_runs(made, batch=batch, values=values)
+    ids = ledger.add_runs(made, batch=batch, made=values)
     ledger.insert_scores([(run_id, score) for run_id, (run, _) in zip(ids, fresh, strict=True) for score in run.scores])
 
 

@@ -440,7 +440,7 @@ def test_a_batch_of_both_sources_is_reproduced_as_it_was_proposed(copy) -> None:
     made = campaign.store.runs()
     new = [NewRun(made[0].proposed, "optimum", "", source) for source in ("simulation", "flight", "flight")]
     campaign.store.mark()
-    campaign.store.add_batch(new, issue=True)
+    campaign.store.add_batch(new)
     steps = reproduce(campaign, ())
     mixed = ("seqrsm propose copy -n 3 --source best", "seqrsm simulate copy")
     assert steps == ("seqrsm run copy", *mixed, "seqrsm fit copy", "seqrsm report copy")

@@ -13,7 +13,7 @@ from seqrsm.store.store import Store
 
 @pytest.fixture
 def filled(store):
-    ids = store.add_batch([NewRun({"x": float(i)}, "start") for i in range(4)], issue=True)
+    ids = store.add_batch([NewRun({"x": float(i)}, "start") for i in range(4)])
     hold(store, ids[:1])
     store.record_scores(ids[0], [NewScore("a", 50.0, 2.0, metadata={"cells": 3})])
     store.fail(ids[1], "no memory", "machine")

@@ -82,19 +82,18 @@ def test_new_runs_are_flights(campaign, store):
 
 def test_proposed_runs_keep_both_settings(campaign, store):
     proposed = {"frequency": 2.0, "looks": 4.0, "polarization": "HH"}
-    ids = store.add_batch([NewRun(proposed, "optimum", "why", "flight", 250.0, "day 1")] * 3)
-    store.issue(ids[:1])
+    store.add_batch([NewRun(proposed, "optimum", "why", "flight", 250.0, "day 1")] * 3)
     report = campaign("run_id," + HEADER + "\n1,2.1,4,HH,70\n2,2,4,HH,71\n3,2,4,HH,\n")
     assert (report.matched, report.created, report.unscored) == ((1, 2), (), (4,))
     run = store.runs()[0]
     assert (run.proposed, run.executed) == (proposed, {**proposed, "frequency": 2.1})
     assert (run.purpose, run.block, run.source) == ("optimum", "day 1", "flight")
-    assert store.runs()[2].state == "proposed"
+    assert store.runs()[2].state == "issued"
 
 
 def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
     settings = [{"frequency": 10 / 3, "looks": 4.0, "polarization": p} for p in ("HH", "VV")]
-    ids = store.add_batch([NewRun(s, source="flight") for s in settings], issue=True)
+    ids = store.add_batch([NewRun(s, source="flight") for s in settings])
     (tmp_path / "campaign.toml").write_text(SPEC.format(more=""))
     write_form(tmp_path / "form.csv", load_spec(tmp_path), store.runs())
     with (tmp_path / "form.csv").open(newline="") as stream:
@@ -112,7 +111,7 @@ def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
 def test_a_form_without_settings_is_of_the_runs_that_it_names(campaign, store):
     """Flown as proposed, and said so; the same scores again, with settings or without, are no new ones."""
     settings = [{"frequency": 2.0, "looks": 4.0, "polarization": p} for p in ("HH", "VV", "HH")]
-    store.add_batch([NewRun(s, source="flight") for s in settings], issue=True)
+    store.add_batch([NewRun(s, source="flight") for s in settings])
     report = campaign("run_id,score,pilot\n1,70,Ann\n2,71,Bob\n3,,Bob\n")
     assert (report.matched, report.created, report.unscored) == ((1, 2), (), (4,))
     assert "No settings are given: those of the runs named are taken." in report.messages
@@ -134,7 +133,7 @@ def test_a_form_without_settings_is_of_the_runs_that_it_names(campaign, store):
     ],
 )
 def test_without_settings_every_run_is_named_or_nothing_taken(campaign, store, text, words):
-    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="flight")], issue=True)
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="flight")])
     before = snapshot(store)
     with pytest.raises(ScoresFileError, match=words) as caught:
         campaign(text)
@@ -169,7 +168,7 @@ def test_same_content_again(campaign, store):
 
 
 def test_a_file_that_has_grown(campaign, store):
-    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2, issue=True)
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2)
     text = "run_id," + HEADER + "\n1,2,4,HH,70\n"
     campaign(text)
     report = campaign(text + "2,2,4,HH,71\n")

@@ -27,7 +27,7 @@ def unheard_since(store, run_id, moment):
 
 
 def test_runs_of_another_host_are_taken_back_when_it_falls_silent(store, monkeypatch):
-    ids = store.add_batch([RUN, RUN], issue=True)
+    ids = store.add_batch([RUN, RUN])
     with monkeypatch.context() as elsewhere:
         elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
         store.claim()
@@ -55,9 +55,9 @@ def test_a_batch_beyond_the_budget_is_not_kept(store):
 
 
 def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
-    ids = store.add_batch([RUN, RUN], issue=True)
+    ids = store.add_batch([RUN, RUN])
     store.claim()
-    store.add_batch([RUN], issue=True)
+    store.add_batch([RUN])
     store.record_scores(ids[0], [NewScore("crops", 5.0)])
     with monkeypatch.context() as elsewhere:
         elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
@@ -68,7 +68,7 @@ def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
 
 def test_the_heart_beats_while_runs_are_held(store, monkeypatch):
     monkeypatch.setattr(store_module, "BEAT_S", 0.01)
-    (run_id,) = store.add_batch([RUN], issue=True)
+    (run_id,) = store.add_batch([RUN])
     (claimed,) = store.claim()
     with heartbeat(store):
         deadline = time.monotonic() + 30.0
@@ -101,7 +101,7 @@ def campaign(tmp_path, monkeypatch):
     def make(*ends):
         (tmp_path / "campaign.toml").write_text(SPEC)
         opened = Campaign.open(tmp_path)
-        opened.store.add_batch([RUN], issue=True)
+        opened.store.add_batch([RUN])
         left = iter(ends)
         monkeypatch.setattr(runner, "run_many", lambda *_: iter([(0, next(left))]))
         monkeypatch.setattr(simulation, "task_of", lambda *_: None)

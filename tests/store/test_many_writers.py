@@ -28,7 +28,7 @@ def file(name, owner, number):
 with Store.open(folder, url=url, campaign="test") as store:
     print("ready", flush=True)
     sys.stdin.readline()
-    store.add_batch([NewRun({"x": float(me)})] * runs_each, issue=True)
+    store.add_batch([NewRun({"x": float(me)})] * runs_each)
     for number in range(files_each):
         for run in store.claim():
             print("claimed", run.run_id, flush=True)

@@ -36,7 +36,7 @@ with Store.open(sys.argv[1], create=True, campaign="test") as store:
     print("ready", flush=True)
     sys.stdin.readline()
     while True:
-        ids = store.add_batch([NewRun({"x": 1.0})] * 3, issue=True)
+        ids = store.add_batch([NewRun({"x": 1.0})] * 3)
         print("batch", *ids, flush=True)
         store.claim()
         store.record_scores(ids[0], [NewScore("a", 1.0), NewScore("b", 2.0)])
@@ -65,7 +65,7 @@ def test_processes_share_the_runs(store, tmp_path, url):
         go(worker)
     ids = []
     for i in range(80):
-        ids += store.add_batch([NewRun({"x": float(i)})], issue=True)
+        ids += store.add_batch([NewRun({"x": float(i)})])
         time.sleep(0.02)  # else whoever comes first claims all that wait
     done = [[int(line) for line in worker.communicate(timeout=120)[0].split()] for worker in workers]
     assert all(worker.returncode == 0 for worker in workers)

@@ -22,7 +22,7 @@ RUN = NewRun(HERE, "start", "first design")
 
 def bring(store: Store, state: str) -> int:
     """A new run in this state."""
-    (run_id,) = store.add_batch([RUN], issue=state in ("issued", "running", "failed"))
+    (run_id,) = store.add_batch([RUN])
     if state == "running":
         hold(store, [run_id])
     elif state == "failed":
@@ -56,7 +56,6 @@ def test_settings_come_back_as_the_same_numbers(store):
 
 def test_the_ordinary_way(store):
     (run_id,) = store.add_batch([NewRun(HERE, "optimum", "narrows the interval", "simulation", 2.5, "day 1")])
-    store.issue([run_id])
     (claimed,) = store.claim()
     assert (claimed.run_id, claimed.state, claimed.attempts) == (run_id, "running", 1)
     assert store.record_scores(
@@ -104,13 +103,13 @@ def test_only_legal_transitions(store, state, target):
 
 
 def test_one_illegal_run_stops_the_whole_change(store):
-    good, bad = bring(store, "proposed"), bring(store, "void")
+    good, bad = bring(store, "failed"), bring(store, "void")
     with pytest.raises(StoreError, match=f"run {bad} is void"):
         store.issue([good, bad])
-    assert store.runs()[good - 1].state == "proposed"
+    assert store.runs()[good - 1].state == "failed"
     with pytest.raises(StoreError, match="no such run"):
         store.issue([good, 99])
-    assert store.runs()[good - 1].state == "proposed"
+    assert store.runs()[good - 1].state == "failed"
 
 
 def test_a_score_is_recorded_once(store):
@@ -146,8 +145,8 @@ def test_void_needs_a_reason_and_keeps_the_score(store):
 
 
 def test_claim_takes_waiting_simulations_only(store):
-    ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN], issue=True)
-    later = bring(store, "proposed")
+    ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN])
+    later = bring(store, "issued")
     hold(store, ids[:1])
     assert [run.run_id for run in store.claim()] == [ids[1], ids[3], later]
     assert store.claim() == ()
@@ -157,13 +156,13 @@ def test_claim_takes_waiting_simulations_only(store):
 
 
 def test_runs_of_dead_processes_are_released(store, tmp_path, url, monkeypatch):
-    ids = store.add_batch([RUN], issue=True)
+    ids = store.add_batch([RUN])
     script = (
         "import sys; from seqrsm.store.store import Store\n"
         f"with Store.open({str(tmp_path)!r}, url={url!r}) as s: s.claim()"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
-    ids += store.add_batch([RUN], issue=True)
+    ids += store.add_batch([RUN])
     store.claim()
     assert store.release_stale() == (ids[0],)
     assert [run.state for run in store.runs()] == ["issued", "running"]
@@ -174,7 +173,7 @@ def test_runs_of_dead_processes_are_released(store, tmp_path, url, monkeypatch):
 
 
 def test_an_earlier_process_of_the_same_number_is_dead(store, monkeypatch):
-    (run_id,) = store.add_batch([RUN], issue=True)
+    (run_id,) = store.add_batch([RUN])
     store.claim()
     assert store.release_stale() == ()
     monkeypatch.setattr("seqrsm.store.store._TOKEN", "another")

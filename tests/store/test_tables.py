@@ -77,7 +77,7 @@ def test_a_data_base_that_has_them_lives_on(earlier: Path, url: str | None) -> N
     """Through every table: proposed, simulated, failed, tried again, void, measured, ranked, looked at, verified."""
     here = {"x": 1.5, "kind": "a"}
     with Store.open(earlier, url=url, campaign="test", seed=7) as store:
-        store.add_batch([NewRun(here)] * 4, issue=True)
+        store.add_batch([NewRun(here)] * 4)
         assert {run.state for run in store.claim()} == {"running"}
         for run_id in (1, 2):
             store.record_scores(run_id, [NewScore("crops", 70.0, se=1.5, n=10, correct=7, metadata={"a": [1]})])

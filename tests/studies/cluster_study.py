@@ -57,7 +57,7 @@ def per_byte(address: str, folder: Path) -> float:
 def per_score(folder: Path) -> float:
     """Time that the store needs for a durable score, one at a time [s]."""
     with Store.open(folder, create=True, campaign="c") as store:
-        ids = store.add_batch([NewRun({"x": 1.0})] * 200, issue=True)
+        ids = store.add_batch([NewRun({"x": 1.0})] * 200)
         store.claim()
         begin = time.monotonic()
         for run_id in ids:

@@ -661,7 +661,7 @@ def test_next_flights_beside_simulations_come_from_the_process(
     points = np.round(spread(30, 2), 3)
     sources = ["flight" if i % 3 == 0 else "simulation" for i in range(30)]
     made = campaign(tmp_path / "c", specification(numeric(2)), points, bowl(points) + NOISE[:30], source=sources)
-    made.store.add_batch([NewRun({"x0": 0.25, "x1": 0.25}, "optimum", "", waiting, 1.0)], issue=True)
+    made.store.add_batch([NewRun({"x0": 0.25, "x1": 0.25}, "optimum", "", waiting, 1.0)])
     analyses = made.analyse_all(n_draws=400)
     asked = []
     real = next_runs.propose_from_process

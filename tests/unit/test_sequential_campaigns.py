@@ -409,7 +409,7 @@ def test_as_many_scores_as_terms_wait_for_the_flights(campaign) -> None:
         for i, x in enumerate((-1.0, 0.0, 1.0))
     ]
     made.store.ingest_files([IngestedFile("f.csv", "0", 3, tuple(runs))])
-    made.store.add_batch([NewRun({"x0": 0.5}, source="flight")], issue=True)
+    made.store.add_batch([NewRun({"x0": 0.5}, source="flight")])
     with pytest.raises(StoreError, match="3 scores cannot determine 3 terms, and 1 flights have no scores"):
         run_campaign(made)
 
@@ -499,7 +499,7 @@ def test_one_run_of_each_template_is_scored(template, tmp_path) -> None:
     else:
         region = made.spec.region
         settings = region.decode(region.centre()[None, :])[0]
-        made.store.add_batch([NewRun(settings, "start", "one run", "simulation", 1.0)], issue=True)
+        made.store.add_batch([NewRun(settings, "start", "one run", "simulation", 1.0)])
         made.simulate()
     runs = made.store.runs()
     assert runs[0].state == "scored"
