@@ -64,21 +64,17 @@ def recalled(make: Callable[[], T], made_of: object) -> T:
     return cast(T, _recalled[key])
 
 
-def cached_by_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """As `functools.lru_cache`, for each thread by itself: runs beside one do not push out what it asks for again."""
+def cached_by_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """Keep the last result, as `functools.lru_cache`, for each thread by itself: runs beside one do not push it out."""
+    here = threading.local()
 
-    def wrap(function: Callable[P, T]) -> Callable[P, T]:
-        here = threading.local()
+    @wraps(function)
+    def call(*arguments: P.args, **named: P.kwargs) -> T:
+        if not hasattr(here, "cached"):
+            here.cached = lru_cache(maxsize=1)(function)
+        return cast(T, here.cached(*arguments, **named))
 
-        @wraps(function)
-        def call(*arguments: P.args, **named: P.kwargs) -> T:
-            if not hasattr(here, "cached"):
-                here.cached = lru_cache(maxsize)(function)
-            return cast(T, here.cached(*arguments, **named))
-
-        return call
-
-    return wrap
+    return call
 
 
 def arrays_by_thread(most_bytes: int) -> Callable[[Callable[P, AnyArray]], Callable[P, AnyArray]]:

@@ -113,7 +113,7 @@ def test_a_fit_is_made_once_until_there_is_another_score(tmp_path, monkeypatch) 
 def test_what_one_thread_asks_for_is_not_pushed_out_by_another() -> None:
     made = []
 
-    @remember.cached_by_thread(maxsize=1)
+    @remember.cached_by_thread
     def make(x: int) -> int:
         made.append(x)
         return x

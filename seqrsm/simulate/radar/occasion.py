@@ -327,7 +327,7 @@ def met_occasion(
     return _added(radar, lookups, met, mean, category[parent], of_fields[parent])
 
 
-@cached_by_thread(maxsize=1)  # asked for by look-ups and by fields
+@cached_by_thread  # asked for by look-ups and by fields
 def _related(frequency_ghz: float, table: Sigma0Table, hh: Sigma0Lookup) -> Coherence:
     """How HH and VV of the categories of a look-up are related."""
     return coherence(hh.categories, frequency_ghz, table.world, hh.closed, table.relations)

@@ -120,7 +120,7 @@ def expected_image(scene: Scene, radar: RadarConfiguration, table: Sigma0Table, 
     return _form_image(sums, scene, still, grid, of_cells, occasion, unused, (), 1)
 
 
-@cached_by_thread(maxsize=1)  # occasions of one setting, and dates of one sensor, share it
+@cached_by_thread  # occasions of one setting, and dates of one sensor, share it
 def _geometry(
     scene: Scene, radar: RadarConfiguration, precision: Precision
 ) -> tuple[EchoGrid, Callable[[], AnyArray], Callable[[], AnyArray]]:
