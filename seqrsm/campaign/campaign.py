@@ -56,7 +56,8 @@ def _told(tell: Progress, before: int, n: int, done: int, more: int) -> None:
 def all_failed(runs: Sequence[RunRecord]) -> UserError:
     """That none of these runs has a score, with each reason, the latest first, 5 at most."""
     reasons = list(dict.fromkeys(run.reason for run in reversed(runs)))[:5]
-    return UserError(*(Problem(f"none of these {len(runs)} runs has a score: {reason}") for reason in reasons))
+    none = "the run has no score" if len(runs) == 1 else f"none of these {len(runs)} runs has a score"
+    return UserError(*(Problem(f"{none}: {reason}") for reason in reasons))
 
 
 class Campaign:

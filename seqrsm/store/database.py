@@ -379,7 +379,10 @@ def _has_log(path: Path) -> bool:
 
 
 def _log_size(path: Path) -> int:
-    return path.with_name(path.name + "-wal").stat().st_size if _has_log(path) else 0
+    try:
+        return path.with_name(path.name + "-wal").stat().st_size
+    except OSError:  # there is none, or another process has just taken it away
+        return 0
 
 
 def _cut_off(path: Path) -> int:

@@ -18,6 +18,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 import seqrsm
+from seqrsm.campaign.campaign import all_failed
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.cli.app import app
 from seqrsm.design.constraints import Constraint
@@ -25,6 +26,7 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import UserError
 from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.store.records import RunRecord
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -170,6 +172,12 @@ def test_simulations_that_all_failed_end_with_2_and_are_made_once_the_cause_is_g
     assert {run["state"] for run in json.loads(shown.stdout)} == {"failed"}
     (folder / "mine.py").write_text("def score(image, scene, *, seed, run_id):\n    return 1.0\n", encoding="utf-8")
     assert f"{n_runs} runs completed" in call("simulate", folder)
+
+
+def test_one_run_without_a_score_is_told_as_one() -> None:
+    run = RunRecord(1, 1, "start", "", "simulation", "failed", {}, None, "", 1.0, reason="too dark")
+    assert str(all_failed([run])) == "the run has no score: too dark"
+    assert str(all_failed([run, run])) == "none of these 2 runs has a score: too dark"
 
 
 def test_a_module_that_ends_the_program_when_it_is_imported_is_told(own) -> None:

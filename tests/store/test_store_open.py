@@ -233,6 +233,24 @@ def test_what_was_written_into_a_file_that_vanished_is_not_acknowledged(folder):
         write_and_lose(store)
 
 
+def test_a_log_that_goes_while_it_is_looked_at_is_none(tmp_path, monkeypatch):
+    """Another process that closes the database last takes it away."""
+    place, log, exists = tmp_path / STORE_NAME, tmp_path / f"{STORE_NAME}-wal", Path.exists
+    log.write_bytes(b"log")
+    assert store_connection._log_size(place) == 3
+
+    def gone(path):
+        found = exists(path)
+        log.unlink(missing_ok=True)
+        return found
+
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(Path, "exists", gone)
+        assert store_connection._log_size(place) in (0, 3)
+    log.unlink(missing_ok=True)
+    assert store_connection._log_size(place) == 0
+
+
 def test_the_address_of_a_file_counts_from_the_campaign(folder, monkeypatch):
     (folder / STORE_NAME).rename(folder / "other.db")
     for place in (folder, folder.parent):
