@@ -11,7 +11,8 @@ from prm_cases import Table, footprint_across_m, footprint_along_m, image, radio
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, beam_integral, scan_geometry, smeared
-from seqrsm.simulate.radiometer.prm import simulate_radiometer
+from seqrsm.simulate.radiometer.frame import make_radiometer_frame
+from seqrsm.simulate.radiometer.prm import lookups_of, simulate_radiometer
 from seqrsm.simulate.runner import run_many
 
 FLAT = scene(np.zeros((200, 240)), 5.0)
@@ -371,3 +372,16 @@ def test_a_sweep_is_narrow_by_its_beam_over_the_ground():
         made = radiometer(resolution_m=200.0, altitude_m=2000.0, scan_half_angle_deg=degrees)
         notes = scan_geometry(made, 500.0, 1000.0, 1000.0).notes  # edges at 45 deg, half a beam of 11.3 deg
         assert any("narrow sweep" in note for note in notes) == narrow
+
+
+@pytest.mark.parametrize(("heading", "half_angle"), [(0.0, 0.0), (90.0, 0.0), (90.0, 28.81)])
+def test_h_and_v_have_in_common_what_the_looks_over_a_scene_have_on_average(heading: float, half_angle: float) -> None:
+    """All at nadir and nine tenths at grazing, by the square of the sine, at the rows that the scan sees."""
+    ground = scene(np.full((40, 200), 50.0), 20.0, np.zeros((40, 200)), categories=("Trees",))
+    r = radiometer(heading_deg=heading, scan_half_angle_deg=half_angle, altitude_m=450.0)
+    across = make_radiometer_frame(ground, r, "float64").across_m
+    sine = np.abs(across) / np.hypot(across, 400.0)
+    seen = sine[sine <= math.sin(math.radians(half_angle))] if half_angle else sine
+    (look,) = lookups_of(ground, r, load_emissivity_table(), None)
+    assert look.channel_correlation[0] == pytest.approx(1.0 - 0.1 * np.mean(seen**2), abs=0.0006)
+    assert np.mean(seen**2) > 0.05
