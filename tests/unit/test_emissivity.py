@@ -298,6 +298,8 @@ def test_user_table_replaces_and_adds_categories(tmp_path):
     assert look.emissivity[0, 0, 40] == pytest.approx(0.71)
     assert look.emissivity[1, 0, 33] == pytest.approx(0.5)
     assert look.field_part[0] * (1.0 - look.emissivity[0, 0, 0]) == pytest.approx(0.03)
+    # H and V of a cover that no table knows are as related as those of the covers that one does.
+    assert look.channel_correlation[0] == look.channel_correlation[2] == 0.9
     assert look.status[0] == "measured"
     middle = table.lookup(["Lava"], np.sqrt(200.0), "H").emissivity[0, 0, 0]
     assert middle == pytest.approx(0.915)

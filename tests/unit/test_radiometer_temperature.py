@@ -55,7 +55,8 @@ def test_shadow_behind_a_long_ridge_at_any_azimuth(azimuth):
 def test_night_is_dark_and_flat_ground_sees_the_sun_at_its_elevation():
     z = np.zeros((10, 12))
     assert cast_shadow(z, 5.0, Sun(-3.0, 90.0)).all()
-    np.testing.assert_array_equal(sun_exposure(z, 5.0, Sun(-3.0, 90.0)), 0.0)
+    for elevation, cloud in ((-3.0, 0.0), (-3.0, 0.3), (0.0, 0.3)):
+        np.testing.assert_array_equal(sun_exposure(z, 5.0, Sun(elevation, 90.0), cloud), 0.0)
     np.testing.assert_allclose(sun_exposure(z, 5.0, Sun(35.0, 77.0)), np.sin(np.deg2rad(35.0)))
 
 
@@ -102,7 +103,8 @@ def test_a_cloud_lets_as_much_light_through_as_overcast_skies_were_measured_to()
     assert straight < 1e-9
     assert in_all == pytest.approx(0.25, abs=0.03)
     thin = sunlight_under(0.002, 30.0)
-    assert 0.0 < thin[0] < thin[1] < 1.0
+    assert thin[0] == pytest.approx(np.exp(-0.3 / 0.5))  # an optical depth of 0.3 along a path twice as long
+    assert thin[0] < thin[1] < 1.0
 
 
 def test_under_cloud_slopes_and_shadows_are_as_light_as_level_ground():
