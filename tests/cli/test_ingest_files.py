@@ -742,9 +742,10 @@ def test_a_column_of_days_that_is_not_there_is_told(make):
 
 @pytest.mark.parametrize("column", ["Status", "state", "note"])
 def test_a_score_of_a_run_that_its_row_calls_void_is_held_back(make, column):
-    rows = f"{HEADER},{column}\n2,12,HH,70,avoided clouds\n3,12,HH,61,Void: plane broken\n4,12,HH,,void\n"
-    told = make().ingest(rows, code=2)
-    assert f"scores.csv:3: {column}: the run is told to be void and has a score (got 'Void: plane broken')" in told
+    rows = "2,12,HH,70,avoided clouds\n3,12,HH,61,Void: plane broken\n4,12,HH,,void\n5,12,HH,62,INVALID\n"
+    told = make().ingest(f"{HEADER},{column}\n{rows}", code=2)
+    assert f"scores.csv:3: {column}: the run is told to be void and has a score (so 1 more row: line 5)" in told
+    assert "(got 'Void: plane broken')" in told
     assert "scores.csv:2" not in told
     assert "scores.csv:4" not in told
 

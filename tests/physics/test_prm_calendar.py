@@ -11,7 +11,7 @@ import pytest
 from prm_cases import radiometer, scene
 from shorthands import still_radiometer
 
-from seqrsm.scattering.calendar import SHIPPED, Calendar, fields_by_category
+from seqrsm.scattering.calendar import SHIPPED, Calendar, fields_by_category, load_calendar
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.scene import NO_COVER
@@ -135,6 +135,18 @@ def test_what_is_expected_of_late_fields_is_their_mean_and_scatter(day):
         assert of_years[c, d, 0, 6, 40] == pytest.approx(between, rel=0.2)
         assert 1.0 - lookups[c].emissivity[0, 6, 40] == pytest.approx(drawn[c].mean(), abs=0.005)
     np.testing.assert_allclose(of_fields[:, :, 2] + of_years[:, :, 2], 0.0, atol=1e-12)
+
+
+def test_fields_that_are_on_time_vary_by_their_year_alone(tmp_path):
+    """Grass, whose fields are, has a course of the user's."""
+    own = "quantity,category,frequency_ghz,polarization,day,value,unit,status,source,mean_sd\n"
+    own += "".join(f"emissivity,Grass,1.4,H,{d},{e},1,measured,mine,0.02\n" for d, e in ((60, 0.0), (250, -0.2)))
+    (tmp_path / "own.csv").write_text(own)
+    table = replace(TABLE, calendar=load_calendar(tmp_path / "own.csv"))
+    ground = scene(np.zeros((4, 4)), categories=("Grass",))
+    _, of_fields, of_years = _expected_lookups(ground, radiometer(frequency_ghz=1.4), table, 150.0)
+    assert of_years[0, 0, 0, 0, 0] > 1e-6
+    np.testing.assert_allclose(of_fields, 0.0, atol=1e-12)
 
 
 def test_footprints_vary_by_late_fields_and_their_mean_by_late_years():

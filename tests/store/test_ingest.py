@@ -197,6 +197,16 @@ def test_dry_run_reports_the_same_and_writes_nothing(campaign, store, state):
     assert len(store.runs()) == len(before[0]) + 1
 
 
+def test_a_row_without_run_id_may_be_of_a_flight_that_waits_and_of_no_simulation(campaign, store):
+    settings = {"frequency": 2.0, "looks": 4.0, "polarization": "HH"}
+    store.add_batch([NewRun(settings, source="simulation")])
+    assert campaign(HEADER + "\n2,4,HH,70\n").created == (2,)
+    store.add_batch([NewRun(settings, source="flight")])
+    assert campaign(HEADER + ",source\n2,4,HH,71,simulation\n").created == (4,)
+    with pytest.raises(ScoresFileError, match=r"waits for its score.*Give the run ids \(3\)"):
+        campaign(HEADER + "\n2,4,HH,72\n")
+
+
 def test_all_or_nothing(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2)
     store.record_scores(1, [NewScore("crops", 50.0)])

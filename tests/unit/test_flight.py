@@ -87,6 +87,15 @@ def test_a_row_of_means_or_units_has_one_error(read, row):
     ]
 
 
+def test_where_all_factors_are_levels_a_label_alone_is_no_setting(read):
+    """A wrong level beside others is told by its column, a line of means by what it is."""
+    factors = (FactorColumn("band", levels=("C", "L")), FactorColumn("polarization", levels=("HH", "VV")))
+    with pytest.raises(ScoresFileError) as told:
+        read("band,polarization,score\nC,HH,61\nX,VV,62\nMean,,62\n", factors=factors)
+    assert [(problem.line, problem.field) for problem in told.value.problems] == [(3, "band"), (4, None)]
+    assert told.value.problems[1].message == "the row has no settings"
+
+
 def test_a_title_above_the_header_has_one_error(read):
     """A spreadsheet's had one for each column without a name besides, and one for the scores."""
     with pytest.raises(ScoresFileError) as told:

@@ -234,3 +234,21 @@ def test_a_year_of_one_day_or_of_a_day_twice_is_refused(tmp_path):
     assert [problem.line for problem in twice] == [2, 3]
     (missing,) = wrong(tmp_path, HEADER.replace("day,", ""))
     assert (missing.field, missing.line) == ("day", 1)
+
+
+def test_covers_may_each_be_looked_up_on_a_day_of_their_own(tmp_path):
+    """As early and late fields are: each is as a look-up of that day has it."""
+    course = [(60, 0.0), (150, -0.05), (250, -0.1)]
+    own = calendar(tmp_path, [("emissivity", "Grass", 1.4, "H", day, value, 0.02) for day, value in course])
+    table = replace(load_emissivity_table(), calendar=own)
+    covers, days = ("Corn", "Wheat", "Corn", "Grass", "Grass"), (100.0, 205.0, 190.0, 100.0, 190.0)
+    together = table.lookup(covers, 1.4, "H", day=days)
+    for k, (cover, day) in enumerate(zip(covers, days, strict=True)):
+        alone = table.lookup((cover,), 1.4, "H", day=day)
+        n = alone.emissivity.shape[1]
+        np.testing.assert_array_equal(together.emissivity[k, :n], alone.emissivity[0])
+        for name in ("closed", "heating", "moist", "field_part", "date_part", "mean_sd", "channel_correlation"):
+            np.testing.assert_array_equal(getattr(together, name)[k], getattr(alone, name)[0], err_msg=name)
+    for name in ("emissivity", "closed", "heating", "field_part"):
+        assert not np.array_equal(getattr(together, name)[0], getattr(together, name)[2])
+    assert not np.array_equal(together.emissivity[3], together.emissivity[4])
