@@ -132,7 +132,7 @@ class Campaign:
     def _not_to_be_used(self, settings: Mapping[str, float | str]) -> tuple[str, ...]:
         if self.spec.simulator is None:
             return ()
-        from seqrsm.campaign.simulation import not_to_be_used  # the engines, which measured campaigns do without
+        from seqrsm.campaign.simulator_checks import not_to_be_used  # the engines, which measured campaigns do without
 
         return not_to_be_used(self.spec, settings)
 
@@ -333,7 +333,7 @@ class Campaign:
         """Refuse a simulator that is not that of the runs so far, or lacks what its runs need."""
         if self.spec.simulator is not None:
             from seqrsm.campaign.experiment import see_experiment
-            from seqrsm.campaign.simulation import see_parameters  # the engines: not loaded for fit or status
+            from seqrsm.campaign.simulator_checks import see_parameters  # the engines: not loaded for fit or status
 
             see_experiment(self.store, self.spec, note=note)
             see_parameters(self.spec)

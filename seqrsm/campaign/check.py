@@ -27,7 +27,8 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.experiment import see_experiment
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import bundle_tasks, carry_out, check_simulator, scene_at, simulate_images, task_of
+from seqrsm.campaign.simulation import bundle_tasks, carry_out, scene_at, simulate_images, task_of
+from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator

@@ -19,7 +19,7 @@ from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_faile
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size
 from seqrsm.campaign.rests_on import rests_on
-from seqrsm.campaign.simulation import check_simulator
+from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.errors import OvertakenError, StoreError, UserError
 from seqrsm.plain import counted
 from seqrsm.store.records import WAITING, RunRecord

@@ -18,7 +18,8 @@ import numpy as np
 from seqrsm import __version__
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, scene_at, see_parameters, task_of
+from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, scene_at, task_of
+from seqrsm.campaign.simulator_checks import see_parameters
 from seqrsm.errors import UserError
 from seqrsm.files import put_json, see_writable
 from seqrsm.fit.optimum import Goal, sign_of

@@ -308,7 +308,7 @@ class Campaign:
         """Simulate the issued runs as `simulate` does and return records; ``options``: where, and who is told."""
         _see_whole(1, workers=options.get("workers", 1))
         if self.spec.simulator is None and not self.opened.store.runs(source="simulation"):
-            from seqrsm.campaign.simulation import check_simulator
+            from seqrsm.campaign.simulator_checks import check_simulator
 
             check_simulator(self.spec)  # which says so
         return self.opened.simulate(**options)

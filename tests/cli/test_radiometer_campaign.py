@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from seqrsm.campaign.simulation import check_simulator
+from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.cli.app import app
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.file import load_scene, save_scene

@@ -14,7 +14,7 @@ import pytest
 
 from seqrsm.analysis import conclude
 from seqrsm.campaign import campaign as campaign_module
-from seqrsm.campaign import experiment, loop, simulation
+from seqrsm.campaign import experiment, loop, simulation, simulator_checks
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.loop import run_campaign
@@ -83,7 +83,7 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
     )
-    monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
+    monkeypatch.setattr(simulator_checks, "see_parameters", lambda spec: None)
     monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
     monkeypatch.setattr(Grounds, "measure", lambda *_: None)
     monkeypatch.setattr(Grounds, "rank", lambda *_: None)

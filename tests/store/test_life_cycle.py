@@ -7,7 +7,7 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from seqrsm.campaign import experiment, simulation
+from seqrsm.campaign import experiment, simulation, simulator_checks
 from seqrsm.campaign.campaign import MAX_ATTEMPTS, TRIES, Campaign
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.errors import StoreError
@@ -105,7 +105,7 @@ def campaign(tmp_path, monkeypatch):
         left = iter(ends)
         monkeypatch.setattr(runner, "run_many", lambda *_: iter([(0, next(left))]))
         monkeypatch.setattr(simulation, "task_of", lambda *_: None)
-        monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
+        monkeypatch.setattr(simulator_checks, "see_parameters", lambda spec: None)
         monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
         return opened
 

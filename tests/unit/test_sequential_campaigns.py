@@ -13,7 +13,7 @@ import pytest
 
 from seqrsm.analysis.compromise import campaign_compromise
 from seqrsm.analysis.fitted import confirmation_reason
-from seqrsm.campaign import experiment, loop, simulation
+from seqrsm.campaign import experiment, loop, simulation, simulator_checks
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.loop import run_campaign
@@ -70,7 +70,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
         monkeypatch.setattr(runner, "run_many", carry)
         monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
-        monkeypatch.setattr(simulation, "see_parameters", lambda spec: None)
+        monkeypatch.setattr(simulator_checks, "see_parameters", lambda spec: None)
         monkeypatch.setattr(
             simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
