@@ -12,6 +12,7 @@ from scipy.stats import norm
 from test_cover_measures import IMAGE, KEY, SCENE, image
 
 from seqrsm.errors import UserError
+from seqrsm.score import cover
 from seqrsm.score.classification import TRUSTS, by_map_alone, named, taught, trusting
 from seqrsm.score.cover import FALSE_ALARMS, score_cover, score_evidence
 from seqrsm.score.evidence import Evidence, evidence_of
@@ -249,3 +250,18 @@ def test_the_map_alone_names_each_unit_by_its_label() -> None:
     told = evidence_of([IMAGE], SCENE, by="field", known=BLURRED, **KEY)
     alone = named(told, by_map_alone(told)).sum(axis=0)
     assert np.trace(alone) == told.counts[np.arange(len(told.label)), told.label].sum()
+
+
+@pytest.mark.parametrize("measure", ["detection", "area_error", "f1"])
+def test_labels_are_trusted_as_far_as_serves_and_not_as_far_as_they_find(monkeypatch, measure: str) -> None:
+    """All ground taken for the cover sought finds all of it, and is the worst map; errors are better when smaller."""
+    rng, worths = np.random.default_rng(4), []
+    counts = np.repeat([[1, 0], [0, 1]], 200, axis=0)
+    label = np.where(rng.random(400) < 0.8, counts.argmax(axis=1), 1 - counts.argmax(axis=1))
+    says = np.log([[0.8, 0.2], [0.2, 0.8]])
+    features, tile = rng.normal(counts.argmax(axis=1), 1.0)[None], np.arange(400) % 20
+    evidence = Evidence(features, counts, tile, np.arange(20) / 20, 0, counts, label, says)
+    monkeypatch.setattr(cover, "trusting", lambda evidence, by, worth: worths.append(worth) or by)
+    score_evidence(evidence, ("a", "b"), Asked(measure, ("b",)))
+    (worth,) = worths
+    assert worth(np.array([[90, 10], [5, 95]])) > worth(np.array([[0, 100], [0, 100]]))
