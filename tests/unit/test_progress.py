@@ -10,6 +10,7 @@ from short_search import optimal_design
 from shorthands import sample_posterior
 
 from seqrsm import progress
+from seqrsm.campaign.campaign import _told
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -67,3 +68,11 @@ def test_nobody_hears_outside_and_inside_a_silence():
             progress.tell("c", 1, 2)
         progress.tell("d", 2, 2)
     assert told == [("b", 1, 2), ("d", 2, 2)]
+
+
+def test_runs_done_one_at_a_time_are_told_of_all_and_never_more_than_there_are():
+    """Three of five are done when the next is; one that the machine failed comes again, beyond the two issued."""
+    heard = []
+    for before, n, done, more in ((3, 5, 1, 1), (2, 2, 1, 1), (0, 5, 2, 5)):
+        _told(lambda *told: heard.append(told), before, n, done, more)
+    assert heard == [(4, 5), (3, 3), (2, 5)]
