@@ -15,7 +15,7 @@ from PIL import Image
 from tiny_campaign import TINY
 from typer.testing import CliRunner
 
-from seqrsm.campaign.simulation import not_to_be_used
+from seqrsm.campaign.simulator_checks import not_to_be_used
 from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
