@@ -70,6 +70,9 @@ def _run_diagnostics(
 _DUST = 1e-9  # of a unit vector of the null space: a term with less takes no part in a dependence
 
 
+_NAMED = 12  # terms of a dependence
+
+
 class AliasedError(FitError):
     """The runs cannot tell some terms apart.
 
@@ -80,7 +83,9 @@ class AliasedError(FitError):
     """
 
     def __init__(self, terms: Sequence[str], n_dependent: int) -> None:
-        super().__init__(Problem(f"the runs cannot separate these terms: {', '.join(terms)}", "Add runs."))
+        more = f" and {len(terms) - _NAMED} more" if len(terms) > _NAMED else ""
+        shown = ", ".join(terms[:_NAMED])
+        super().__init__(Problem(f"the runs cannot separate these terms: {shown}{more}", "Add runs."))
         self.n_dependent = n_dependent
 
 

@@ -120,6 +120,14 @@ def test_aliased_terms_are_refused_by_name() -> None:
     assert caught.value.problems[0].message.endswith("z1, z2")
 
 
+def test_of_many_aliased_terms_the_first_are_named() -> None:
+    """A category of many levels has dozens, and what would mend it has to be seen after them."""
+    Z = np.ones((40, 30))
+    with pytest.raises(AliasedError, match=r"these terms: z0, .*, z11 and 18 more\.") as caught:
+        fit_least_squares(Z, np.arange(40.0), terms(30))
+    assert caught.value.n_dependent == 29
+
+
 def test_columns_of_zeros_are_aliased() -> None:
     Z, y = quadratic(10)
     Z[:, 3] = 0.0
