@@ -28,6 +28,7 @@ from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.intervals import LackOfFit, known, t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs, known_scatter
 from seqrsm.fit.optimum import Optimum, optimum, sign_of
+from seqrsm.fit.robust import student_evidence
 from seqrsm.rng import generator
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec
@@ -37,6 +38,10 @@ from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
 LOOK_DRAWS = 1000
 """Posterior draws of a look; by these the stop rule is held against its targets, so that all looks say the same."""
+
+_WILD, _SURE = 2.0, math.log(1000.0)
+"""Log evidence from which Student-t errors are offered: 2 % of looks at normal scores come to it; and from which they
+are told to be likelier by so much or more."""
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -270,6 +275,18 @@ def _decision(
     return decide(rule, look, agreement, application.score_unit)
 
 
+def _gain_of_student(fitted: Fitted) -> float:
+    """Log evidence for Student-t over normal errors of measured scores; 0 where another surface explains them better.
+
+    Both are weighed against the quadratic with normal errors.
+    """
+    fit, surface = fitted.fit, fitted.surface
+    if not surface.errors.exact or set(fitted.data.sources) != {"flight"}:  # no simulation goes wrong
+        return 0.0
+    gain, of_process = student_evidence(fit.Z, fit.y, fit.weights), fitted.departure.log_bayes_factor
+    return 0.0 if of_process > gain else gain
+
+
 def _one_block(spec: CampaignSpec, fitted: Fitted) -> bool:
     """Whether how flight days differ is to be part of intervals, and cannot be yet."""
     return spec.model.block_effect == "random" and fitted.surface.fixed_blocks and "flight" in fitted.data.sources
@@ -385,6 +402,13 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]
+    if (gain := _gain_of_student(fitted)) > _WILD:
+        times = "more than 1000" if gain > _SURE else f"{float(f'{math.exp(gain):.1g}'):.0f}"
+        found.append(
+            f"A few scores lie far off the others: Student-t errors are {times} times as probable as normal ones. Void "
+            'the runs in which something went wrong; otherwise [model] errors = "student_t" lets such scores count for '
+            "little."
+        )
     if best.flat and not fitted.data.all_equal:
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     lack = fit.lack_of_fit()

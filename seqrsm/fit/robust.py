@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError
@@ -33,9 +34,17 @@ def likely_weights(
     ``share_of``: as `student_share`. Scaled to mean 1; with fewer than three residual degrees of freedom every run
     counts alike.
     """
+    found = _most_likely(Z, y, weights, share_of)
+    return weights if found is None else np.asarray(weights * found[0] / np.mean(found[0]))
+
+
+def _most_likely(
+    Z: FloatArray, y: FloatArray, weights: FloatArray, share_of: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, FloatArray, float] | None:
+    """Shares and squared errors (n,), each times its weight, and the squared scale; None as `likely_weights` has it."""
     n, p = Z.shape
     if n < p + 3:
-        return weights
+        return None
     share = np.ones(n)
     for _ in range(_EM_STEPS):
         root = np.sqrt(weights * share)
@@ -43,13 +52,29 @@ def likely_weights(
         square = weights * (y - Z @ beta) ** 2
         variance = float(np.sum(share * square)) / (n - p)
         if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
-            return weights
+            return None
         after = share_of(square / variance)
         if np.max(np.abs(after - share)) < 1e-10:
             break
         share = after
-    found: FloatArray = weights * share / float(np.mean(share))
-    return found
+    return share, square, variance
+
+
+def student_evidence(Z: FloatArray, y: FloatArray, weights: FloatArray) -> float:
+    """Natural logarithm of the evidence for Student-t errors over that for normal ones, of Z (n, p) and y (n,).
+
+    Flat priors of the coefficients and of log sigma, the same in both. By Laplace's approximation with the expected
+    information (Lange, Little & Taylor 1989). 0 with fewer than three residual degrees of freedom, or without scatter.
+    """
+    wild, plain = (_most_likely(Z, y, weights, share_of) for share_of in (student_share, np.ones_like))
+    if wild is None or plain is None:
+        return 0.0
+    (n, p), nu = Z.shape, STUDENT_DF
+    (_, square, scale), (*_, variance) = wild, plain
+    found = n * (gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(0.5 * nu))
+    found -= 0.5 * (nu + 1.0) * np.sum(np.log1p(square / (nu * scale)))
+    found -= 0.5 * (p * np.log((nu + 1.0) / (nu + 3.0)) + np.log(nu / (nu + 3.0)))
+    return float(found + 0.5 * (n - p) * (1.0 + np.log(variance / scale)))
 
 
 _CHAINS, _WARM_UP = 200, 20

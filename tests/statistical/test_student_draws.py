@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from scipy.stats import gamma as gamma_law
 from scipy.stats import norm, t
 
@@ -14,6 +15,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma
 from seqrsm.fit.error_models import LinearRuns, StudentT
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.robust import student_evidence
 
 SEEDS = 10
 
@@ -101,3 +103,33 @@ def test_bounded_draws_are_as_many() -> None:
         widths.append(0.5 * (high - low))
     scatter = np.std(widths, axis=0, ddof=1) / np.mean(widths, axis=0)
     assert np.sqrt(np.mean(np.square(scatter))) < 0.012
+
+
+def evidence_on_a_grid(y: np.ndarray, law) -> float:
+    """Log evidence of scores about one mean, up to a constant: flat in the mean and in log sigma."""
+    middle = np.median(y) + np.std(y) * np.linspace(-3.0, 3.0, 401)
+    log_sigma = np.log(np.std(y)) + np.linspace(-3.5, 2.5, 301)
+    density = law.logpdf((y[:, None, None] - middle[:, None]) / np.exp(log_sigma)) - log_sigma
+    return float(logsumexp(density.sum(axis=0)))
+
+
+@pytest.mark.parametrize("n", [12, 40])
+@pytest.mark.parametrize("wild", [(), (8.0,), (9.0, -7.0)])
+def test_evidence_for_student_errors_is_that_of_a_grid(n: int, wild: tuple[float, ...]) -> None:
+    y = norm.ppf((np.arange(n) + 0.5) / n)
+    y[: len(wild)] = wild
+    expected = evidence_on_a_grid(y, t(4.0)) - evidence_on_a_grid(y, norm)
+    rows, weights = np.ones((n, 1)), np.ones(n)
+    found = student_evidence(rows, y, weights)
+    assert found == pytest.approx(expected, abs=0.25)
+    # Of its unit and offset it knows nothing, and a weight w is a score and its row times the root of w.
+    assert student_evidence(rows, 1e-6 * y + 3.0, weights) == pytest.approx(found, abs=1e-5)
+    w = np.linspace(0.5, 2.0, n)
+    root = np.sqrt(w)
+    assert student_evidence(rows, y, w) == pytest.approx(student_evidence(root[:, None], root * y, weights), abs=1e-8)
+
+
+def test_without_scatter_no_errors_are_likelier() -> None:
+    rows = np.column_stack([np.ones(9), np.linspace(-1.0, 1.0, 9)])
+    assert student_evidence(rows, rows @ [1.0, 2.0], np.ones(9)) == 0.0
+    assert student_evidence(rows[:4], np.array([1.0, 5.0, 2.0, 0.0]), np.ones(4)) == 0.0

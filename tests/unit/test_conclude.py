@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from process_cases import bowl, hill, spread
+from scipy.stats import norm
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
@@ -383,3 +384,28 @@ def test_runs_that_can_be_fitted_are_those_of_the_application_that_has_fewest(tm
     made = campaign(tmp_path / "c", specification(numeric(1), rest=other), points, points[:, 0])
     one = campaign(tmp_path / "d", specification(numeric(1)), points, points[:, 0])
     assert [n_fitted(each.spec, each.store.runs()) for each in (made, one)] == [0, 12]
+
+
+def test_student_errors_are_offered_for_wild_flights_alone(tmp_path):
+    """Two in one direction hide each other from the test of single outliers."""
+    points = np.round(spread(40, 2), 3)
+    scores = bowl(points) + norm.ppf((np.random.default_rng(9).permutation(40) + 0.5) / 40)
+
+    def offered(name: str, y: np.ndarray, source: str, rest: str = "") -> list[str]:
+        found = analysed(tmp_path / name, specification(numeric(2), rest=rest), points, y, source=source)
+        return [text for text in found.warnings if "student_t" in text]
+
+    assert offered("tame", scores, "flight") == []
+    wild = scores.copy()
+    wild[[3, 20]] -= 15.0
+    (told,) = offered("wild", wild, "flight")
+    assert "Student-t errors are more than 1000 times as probable" in told
+    assert "Void the runs in which something went wrong" in told
+    slight = scores.copy()
+    slight[3] -= 4.0
+    (told,) = offered("slight", slight, "flight")
+    assert 7 <= int(re.search(r"errors are (\d+) times", told).group(1)) <= 1000
+    assert offered("simulated", wild, "simulation") == []
+    assert offered("heeded", wild, "flight", '[model]\nerrors = "student_t"\n') == []
+    # A narrow top is far off a quadratic, and no fault of a run.
+    assert offered("narrow", 3.0 * hill(points) + scores, "flight") == []
