@@ -8,6 +8,7 @@ step as `run` does, once there are scores.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,13 +22,15 @@ from seqrsm.design.factors import setting_with_unit
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import Goal, sign_of
-from seqrsm.fit.process import FEW
+from seqrsm.fit.process import FEW, MOST_SETTINGS, prior_covariances
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
 from seqrsm.propose.cloud import Runs, cloud_of, propose_from_process
 from seqrsm.rng import batch_seed, generator
 
 N_CAMPAIGNS = 200
 _LEAST_CLOUD = 400
+_PLACES, _TOGETHER, _BATCHES = 600, 4, 10  # of campaigns on surfaces that are no quadratics: at most, at least, at most
+_NUGGET = 1e-8
 _ROUNDS = 12  # until surfaces of logits vary as they should
 _EXTRA = 6
 """Runs of a start design beyond the terms."""
@@ -241,6 +244,40 @@ class Budget:
         truth = self.known.model.matrix(points) @ self.known.coefficients.T  # (points, campaigns)
         rows = _greedy(Z, max(_n_spread(n, model.p) for n in counts))
         return [self._plan(change, n, model.p, Z, truth, rows[: _n_spread(n, model.p)]) for n in counts]
+
+    def loss_off_quadratics(self) -> float:
+        """Mean loss of the budget on surfaces drawn from the prior of the process; nan of more than 250 runs.
+
+        They vary as much as the quadratics that are known. Behind a start design runs lie at optima of draws from what
+        is known so far. That is told by the process with its own lengths: what learning these takes is left out.
+        """
+        runs, rng = self.rule.max_runs, generator(self.seed, 0, "budget: processes")
+        points = self._cloud[:: -(-len(self._cloud) // _PLACES)]
+        Z, losses = self.known.model.matrix(points), []
+        variance = float(np.mean(np.var(Z @ self.known.coefficients.T, axis=0)))
+        if runs > MOST_SETTINGS or not variance > 0.0:
+            return float("nan")
+        noise = math.hypot(self.known.noise, math.sqrt(_NUGGET * variance))
+        start = _greedy(Z, min(Z.shape[1] + _EXTRA, runs))
+        together = max(_TOGETHER, -(-(runs - len(start)) // _BATCHES))
+        for covariance in prior_covariances(self.known.model, points, N_CAMPAIGNS, rng):
+            covariance *= variance / (np.mean(np.diag(covariance)) - np.mean(covariance))
+            root = np.linalg.cholesky(covariance + _NUGGET * variance * np.eye(len(points)))
+            truth = root @ rng.standard_normal(len(points))
+            covariance += 100.0 * variance  # of the constant, which is not known
+            at, scores = start, truth[start] + noise * rng.standard_normal(len(start))
+            while True:
+                own = covariance[np.ix_(at, at)] + noise**2 * np.eye(len(at))
+                pull = np.linalg.solve(own, covariance[at])
+                if len(at) == runs:
+                    break
+                # Draws without scores, moved by what the scores say (as `Process.draw`).
+                before = root @ rng.standard_normal((len(points), min(together, runs - len(at))))
+                errors = noise * rng.standard_normal((len(at), before.shape[1]))
+                new = np.argmax(before + pull.T @ (scores[:, None] - before[at] - errors), axis=0).tolist()
+                at, scores = at + new, np.append(scores, truth[new] + noise * rng.standard_normal(len(new)))
+            losses.append(truth.max() - truth[np.argmax(scores @ pull)])
+        return float(np.mean(losses))
 
     @cached_property
     def _cloud(self) -> FloatArray:

@@ -92,6 +92,9 @@ class Judged:
         Target half-width, nan where half-widths are told in standard deviations of a run; their unit.
     target_loss : float
         Limit of the expected loss in that unit, nan without one and where ``target`` is.
+    loss_departed : float
+        Loss expected of the budget in that unit if the surface is no quadratic; nan once there are scores, and of
+        logits, a first-order model or more than 250 runs.
     refused : str
         Why the target cannot be reached, and what could; empty if it may.
     """
@@ -111,6 +114,7 @@ class Judged:
     unit: str = ""
     refused: str = ""
     target_loss: float = float("nan")
+    loss_departed: float = float("nan")
 
     @property
     def away(self) -> tuple[bool, bool, float]:
@@ -235,6 +239,7 @@ def _judged(
         problem += " This is the scatter all over the region; at the optimum it may be less."
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
+    departed = float("nan")
     if analysis is not None and analysis.fitted.departure.probability > 0.5:
         plans, over = plans_by_process(analysis, rule, spec.seed)
         surfaces = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
@@ -246,6 +251,8 @@ def _judged(
         budget = Budget(spec.region, spec.model.order, application.goal, rule, known, at, spec.seed, terms - model.p)
         plans, over = budget.plans(spec.stop.confirmation_runs)
         surfaces = f"{known.source}; other surfaces lose more"
+        if analysis is None and spec.model.order == 2 and not known.logit:
+            departed = budget.loss_off_quadratics()
         in_units = bool(np.isfinite(noise)) or known.noise != 1.0  # else the scatter of a run is one
     refused = no_start or (problem or hopeless if hopeless else "")
     target, unit = (rule.half_width, unit) if in_units else (float("nan"), _RUN_SD)
@@ -273,6 +280,7 @@ def _judged(
         unit=unit,
         refused=refused,
         target_loss=target_loss,
+        loss_departed=departed,
     )
 
 

@@ -186,6 +186,19 @@ def _squares(a: _Places, b: _Places) -> FloatArray:
     return found
 
 
+def _bent_places(h: Hyper, terms: IntArray, base: FloatArray, levels: FloatArray, difference: FloatArray) -> _Places:
+    """Of points with base columns (m, b), levels, and rows (m, p) of the difference; `trend_columns` of the terms."""
+    numeric = slice(1, 1 + h.lengths.shape[1])
+    columns = np.repeat(base.T[:, None], len(h.trend), axis=1)  # (b, d, m): whole columns are taken faster
+    columns[numeric] = bent(columns[numeric], h.bends.T[..., None])
+    first, second, third = terms.T
+    products = h.trend[:, None] * columns[first]
+    products *= columns[second]
+    products *= columns[third]
+    scaled = columns[numeric] / h.lengths.T[..., None]
+    return _Places(scaled.transpose(1, 2, 0).copy(), products, levels, difference)
+
+
 def _matern(h: Hyper, squares: FloatArray, apart: IntArray) -> FloatArray:
     """Covariance (d, p) of the process between points by `_squares` and numbers (p,) of categories that differ.
 
@@ -233,6 +246,38 @@ def kinds(model: QuadraticModel, points: FloatArray, sources: Sources | None, bl
     found += [] if blocks is None else [blocks.columns]
     found += [] if sources is None else [sources.own[:, None].astype(np.float64)]
     return np.hstack(found)
+
+
+def _prior_of(n_numeric: int, categories: bool, ratio: float | None, blocks: bool) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation (h,) of the sampled coordinates; ``ratio`` is that of `Sources`."""
+    rows = [(np.log(_PRIOR[name][0]), _PRIOR[name][1]) for name in ("trend", "process", "noise")]
+    rows += [_BETWEEN] * categories
+    rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * n_numeric
+    rows += [_BEND] * n_numeric
+    if ratio is not None:  # the noise sampled is then that of the other source
+        rows += [_DIFFERENCE, (-0.5 * np.log(ratio), _OWN_NOISE)]
+    if blocks:
+        rows.append((np.log(_PRIOR["block"][0]), _PRIOR["block"][1]))
+    mean, sd = np.array(rows).T
+    return mean, sd
+
+
+def prior_covariances(
+    model: QuadraticModel, points: FloatArray, n: int, rng: np.random.Generator
+) -> Iterator[FloatArray]:
+    """Covariances (m, m) of surfaces at coded points (m, k) for ``n`` draws of the prior, without that of the constant.
+
+    In units of the scatter that scores are to have.
+    """
+    q, categories = len(model.numeric), bool(model.categorical)
+    mean, sd = _prior_of(q, categories, None, False)
+    base, levels, terms = model.base(points), points[:, list(model.categorical)], trend_columns(model)
+    apart, none = _apart(levels, levels), np.empty((len(points), 0))
+    for _ in range(n):
+        h = Hyper.of((mean + sd * rng.standard_normal(len(mean)))[None, :], q, categories, False, False)
+        at = _bent_places(h, terms, base, levels, none)
+        k = _matern(h, _squares(at, at).reshape(1, -1), apart.ravel()).reshape(apart.shape)
+        yield np.asarray(k + at.rows[0] @ at.rows[0].T)
 
 
 class Process:
@@ -314,7 +359,8 @@ class Process:
         self._base, self._levels = model.base(self._points), self._points[:, list(model.categorical)]
         self._apart = _apart(self._levels, self._levels)[i, j]
         self._difference = self._of_difference(self._points) * self._is_own[:, None]
-        self._prior = self._log_prior()
+        ratio = None if sources is None else sources.ratio
+        self._prior = _prior_of(len(model.numeric), bool(model.categorical), ratio, self._blocks.columns.size > 0)
         mean, sd = self._prior
         found = weighted_draws(self._log_posterior, len(mean), rng)
         kept = min(_KEPT // FEW, MOST_SETTINGS**2 // n**2) * FEW
@@ -485,16 +531,7 @@ class Process:
         return np.asarray(self.model.matrix(points) * self._sources.difference_sd / self.scatter)
 
     def _bent_places(self, h: Hyper, base: FloatArray, levels: FloatArray, difference: FloatArray) -> _Places:
-        """Of points with base columns (m, b), levels, and rows (m, p) of the difference."""
-        numeric = slice(1, 1 + len(self.model.numeric))
-        columns = np.repeat(base.T[:, None], len(h.trend), axis=1)  # (b, d, m): whole columns are taken faster
-        columns[numeric] = bent(columns[numeric], h.bends.T[..., None])
-        first, second, third = self._columns.T
-        products = h.trend[:, None] * columns[first]
-        products *= columns[second]
-        products *= columns[third]
-        scaled = columns[numeric] / h.lengths.T[..., None]
-        return _Places(scaled.transpose(1, 2, 0).copy(), products, levels, difference)
+        return _bent_places(h, self._columns, base, levels, difference)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places, apart: IntArray) -> FloatArray:
         """Of the surface (d, m, n)."""
@@ -552,20 +589,6 @@ class Process:
     def _hyper_of(self, theta: FloatArray) -> Hyper:
         given = bool(self.model.categorical), self._sources is not None, self._blocks.columns.size > 0
         return Hyper.of(theta, len(self.model.numeric), *given)
-
-    def _log_prior(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation (h,) of the sampled coordinates."""
-        names = ["trend", "process", "noise"]
-        rows = [(np.log(_PRIOR[name][0]), _PRIOR[name][1]) for name in names]
-        rows += [_BETWEEN] * bool(self.model.categorical)
-        rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * len(self.model.numeric)
-        rows += [_BEND] * len(self.model.numeric)
-        if self._sources is not None:  # the noise sampled is then that of the other source
-            rows += [_DIFFERENCE, (-0.5 * np.log(self._sources.ratio), _OWN_NOISE)]
-        if self._blocks.columns.size:
-            rows.append((np.log(_PRIOR["block"][0]), _PRIOR["block"][1]))
-        mean, sd = np.array(rows).T
-        return mean, sd
 
     def _log_posterior(self, z: FloatArray) -> FloatArray:
         """Of rows (d, h) in units of the prior, up to its constant."""

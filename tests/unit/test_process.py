@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.ensemble import _sampler
-from seqrsm.fit.process import MOST_SETTINGS, Blocks, Hyper, Process, bent, trend_columns
+from seqrsm.fit.process import MOST_SETTINGS, Blocks, Hyper, Process, bent, prior_covariances, trend_columns
 
 CASES = {
     "two factors": (2, (), 25),
@@ -405,3 +405,14 @@ def test_an_interrupt_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None
         _sampler(4, 2, interrupted, [(StretchMove(), 1.0)]).run_mcmc(np.eye(4, 2), 4)
     told = capsys.readouterr()
     assert told.out == told.err == ""
+
+
+def test_covariances_of_the_prior_are_those_written_down():
+    """Logarithms of scale, process and noise, the logit between levels, of each factor a length and a bend."""
+    points = spread(12, 2, (3,))
+    median = [np.log(0.5), np.log(0.6), np.log(0.2), 0.0, np.log(1.2), np.log(1.2), 0.0, 0.0]
+    sd = [1.0, 1.0, 1.2, 1.2, 0.9, 0.9, 0.7, 0.7]
+    rng = np.random.default_rng(4)
+    for found in prior_covariances(QuadraticModel(factors(2, (3,))), points, 3, np.random.default_rng(4)):
+        theta = median + sd * rng.standard_normal(8)
+        np.testing.assert_allclose(found, prior_covariance(theta, points, points, 2, (3,)) - VAGUE, atol=1e-9)

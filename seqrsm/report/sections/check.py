@@ -9,7 +9,7 @@ from typing import Any
 from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.check import CheckResult, Judged
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
-from seqrsm.report.rounding import format_against, format_plain, format_significant
+from seqrsm.report.rounding import NOTHING, format_against, format_plain, format_significant
 from seqrsm.report.sections.sources import group_notes
 from seqrsm.report.wording import with_unit
 
@@ -86,10 +86,14 @@ def _budget_sections(result: Judged, of: str, told: set[Paragraph]) -> list[Sect
     columns = (right("Half-width", result.unit), right("Expected loss", result.unit))
     limit = f", loss {format_plain(result.target_loss)}" if math.isfinite(result.target_loss) else ""
     reach = f"\u00b1 {format_plain(result.target)}{limit}?" if known else "Enough runs?"
+    departed = []
+    if math.isfinite(result.loss_departed):
+        loss = amount(result.loss_departed, result.target_loss)
+        departed.append(("if the surface is no quadratic", NOTHING, NOTHING, loss, NOTHING))
     ways = table(
         f"Expected results of {result.plans[0].runs} runs",
         ("Model", right("Terms"), *columns, reach),
-        [(plan.change or "as in campaign.toml", str(plan.n_terms), *numbers(plan)) for plan in result.plans],
+        [(plan.change or "as in campaign.toml", str(plan.n_terms), *numbers(plan)) for plan in result.plans] + departed,
     )
     first = {plan.runs: plan for plan in result.over if plan.change}
     heads = (right("First order", result.unit), right("Loss", result.unit)) if first else ()
