@@ -80,8 +80,9 @@ def power_cells(
             kernels._index_row(cover, row, n_categories, steps, left, m, index, w)
             for c in range(power.shape[0]):
                 kernels._echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
+                own = kernels._POWER + np.uint64(c * kernels._LINE)
                 for j in range(m):
-                    power[c, i, left + j] = w[kernels._POWER + j] * (w[kernels._HIGH + j] - w[kernels._LOW + j])
+                    power[c, i, left + j] = w[own + j] * (w[kernels._HIGH + j] - w[kernels._LOW + j])
 
 
 def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, field_factor: np.ndarray) -> PowerMap:

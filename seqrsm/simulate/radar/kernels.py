@@ -23,7 +23,8 @@ NO_DATA = 8
 STRIP = 1024
 """Columns done at a time: the work lines of a strip stay in the core's first cache."""
 
-_FEW_BINS = 12
+_FEW_BINS = 48
+_BLOCK = np.uint64(64)  # columns whose bins are found together: the fewer, the fewer bins relief spreads them over
 
 # Columns and places in lines are unsigned here: a signed index that may be negative would need a test at each access,
 # and the loops would not vectorise. Slices would do as well, but each costs two locked counts of references.
@@ -35,8 +36,8 @@ _LINE = STRIP + 80
 _RAY, _SLOPE, _OFFSET = np.uint64(0), np.uint64(_LINE), np.uint64(2 * _LINE)
 _EDGE, _DARK, _WHERE = np.uint64(3 * _LINE), np.uint64(4 * _LINE), np.uint64(5 * _LINE)
 _GAIN, _LOW, _HIGH = np.uint64(6 * _LINE), np.uint64(7 * _LINE), np.uint64(8 * _LINE)
-_POWER, _FACTOR = np.uint64(9 * _LINE), np.uint64(10 * _LINE)
-_LINES = 11
+_FACTOR, _POWER = np.uint64(9 * _LINE), np.uint64(10 * _LINE)  # the latter of each channel
+_LINES = 10
 
 _CACHE_LINE = 64
 
@@ -139,18 +140,19 @@ def sum_echoes(
                 for j in range(m):
                     offset[i, left + j] = w[_OFFSET + j]
                 _state_row(cover, row, n_categories, left, m, w, state, i)
-            least, most = _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
+            _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
             if pattern.shape[0] > 0:
                 _pattern_row(z, row, geometry, i, pattern, left, m, w)
             _index_row(cover, row, n_categories, steps, left, m, index, w)
             for c in range(out.shape[0]):
                 _echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
-                _add_row(origin - first, least, most, left, m, w, out, c)
+            if out.shape[0] > 0:
+                _add_row(origin - first, left, m, w, out)
 
 
 def work_lines(z: AnyArray, table: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Space for a strip in `sum_echoes`, its work lines beginning with a line of the cache."""
-    whole = np.empty(_LINES * _LINE + _CACHE_LINE, dtype=z.dtype)
+    whole = np.empty((_LINES + max(len(table), 1)) * _LINE + _CACHE_LINE, dtype=z.dtype)
     w = whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
     return w, np.empty(STRIP, dtype=table.dtype), np.empty(STRIP, dtype=np.uint32)
 
@@ -249,12 +251,11 @@ def _range_row(
     near: float,
     beyond: float,
     w: AnyArray,
-) -> tuple[int, int]:
+) -> None:
     """Edges of row `i` in range, `_LOW` and `_HIGH` [bins], `near` and `beyond` being those of flat ground.
 
     `_GAIN` is divided by the width, of which an element seen edge on keeps a least one. The lines `_OFFSET` (of
-    `_offset_row`) and `_EDGE` (half way to the row behind) come from the row before and go to the next. Returned are
-    the bins that hold all elements; a cast rounds towards 0, so there may be one too many at either end.
+    `_offset_row`) and `_EDGE` (half way to the row behind) come from the row before and go to the next.
     """
     number = w.dtype.type
     one, half, zero = number(1.0), number(0.5), number(0.0)
@@ -262,7 +263,6 @@ def _range_row(
     is_last = rows[i, 13] == zero
     this, there = number(near), number(beyond)
     thin = number(1e-3 if w.itemsize == 4 else 1e-9)
-    least, most = np.int32(2147483647), np.int32(-2147483648)
     for j in range(m):
         height = z[after, left + j]
         rise = height * (height - twice_h)
@@ -278,9 +278,6 @@ def _range_row(
         w[_LOW + j] = low
         w[_HIGH + j] = high
         w[_GAIN + j] /= high - low
-        least = min(least, np.int32(low))
-        most = max(most, np.int32(high))
-    return int(least) - 1 if least <= 0 else int(least), int(most)
 
 
 @kernel
@@ -348,13 +345,14 @@ def _echo_row(
     """
     for j in range(m):
         pairs[j] = table[c, index[j]]
+    power = _POWER + np.uint64(c * _LINE)
     for j in range(m):
-        w[_POWER + j] = (pairs[j].real + w[_WHERE + j] * pairs[j].imag) * w[_GAIN + j]
+        w[power + j] = (pairs[j].real + w[_WHERE + j] * pairs[j].imag) * w[_GAIN + j]
     if factor.shape[1] > 0:
         for j in range(m):
             w[_FACTOR + j] = factor[c, np.uint32(field[row, left + j])]
         for j in range(m):
-            w[_POWER + j] *= w[_FACTOR + j]
+            w[power + j] *= w[_FACTOR + j]
 
 
 @kernel
@@ -365,28 +363,39 @@ def _floor(x: float) -> np.int32:
 
 
 @kernel
-def _add_row(
-    shift: int, least: int, most: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArray, c: int
-) -> None:
-    """Add a row of elements, of density `_POWER`, to the bins they overlap, leaving out what falls beyond `out`."""
+def _add_row(shift: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArray) -> None:
+    """Add a row of elements, of densities `_POWER`, to the bins they overlap, leaving out what falls beyond `out`."""
     number = w.dtype.type
     zero = number(0.0)
-    n_bins = out.shape[1]
-    if most - least < _FEW_BINS:
-        # Bin by bin over the whole row: more arithmetic, but no scatter, so it vectorises.
-        for k in range(max(least, -shift), min(most, n_bins - 1 - shift) + 1):
-            begin, end = number(k), number(k + 1)
-            line = np.uint64(k + shift)
-            for j in range(m):
-                part = max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
-                out[c, line, left + j] += w[_POWER + j] * part
-    else:
-        for j in range(m):
-            low, high = w[_LOW + j], w[_HIGH + j]
-            k0, k1 = int(_floor(low)), int(_floor(high))
-            for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
-                part = max(min(high, number(k + 1)) - max(low, number(k)), zero)
-                out[c, np.uint64(k + shift), left + j] += w[_POWER + j] * part
+    n_channels, n_bins = out.shape[0], out.shape[1]
+    for first in range(_ZERO, m, _BLOCK):
+        end_of = min(first + _BLOCK, m)
+        # The bins that hold all elements; a cast rounds towards 0, so there may be one too many at either end.
+        least, most = np.int32(2147483647), np.int32(-2147483648)
+        for j in range(first, end_of):
+            least = min(least, np.int32(w[_LOW + j]))
+            most = max(most, np.int32(w[_HIGH + j]))
+        lowest = max(int(least) - 1 if least <= 0 else int(least), -shift)
+        highest = min(int(most), n_bins - 1 - shift)
+        if most - least < _FEW_BINS:
+            # Bin by bin over the whole block: more arithmetic, but no scatter, so it vectorises.
+            for k in range(lowest, highest + 1):
+                begin, end = number(k), number(k + 1)
+                line = np.uint64(k + shift)
+                for j in range(first, end_of):
+                    w[_FACTOR + j] = max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
+                for c in range(n_channels):
+                    power = _POWER + np.uint64(c * _LINE)
+                    for j in range(first, end_of):
+                        out[c, line, left + j] += w[power + j] * w[_FACTOR + j]
+        else:
+            for j in range(first, end_of):
+                low, high = w[_LOW + j], w[_HIGH + j]
+                k0, k1 = int(_floor(low)), int(_floor(high))
+                for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
+                    part = max(min(high, number(k + 1)) - max(low, number(k)), zero)
+                    for c in range(n_channels):
+                        out[c, np.uint64(k + shift), left + j] += w[_POWER + np.uint64(c * _LINE) + j] * part
 
 
 @kernel
