@@ -99,7 +99,7 @@ def evidence_of(
     layers = np.asarray(each[0] if len(each) == 1 else np.vstack([*angles, *powers]), dtype=np.float64)
     counts, tile, unit = pixels.counts, pixels.tile, None
     cells, inside = _in_resolution_cells(base, pixels, scene.cell_m)
-    teaching = _shown(base, counts, cells, scene.scored)
+    teaching = _shown(base, pixels, cells)
     seen = None if by == "field" else pixels.seen
     if by == "field":
         layers, counts, tile, teaching, unit = _of_fields(layers, pixels, inside, scene)
@@ -298,22 +298,20 @@ def _of_segments(
     return mean, counts, tile, teaching, unit
 
 
-def _shown(image: Image, counts: AnyArray, cells: AnyArray, scored: BoolArray) -> AnyArray:
+def _shown(image: Image, pixels: Pixels, cells: AnyArray) -> AnyArray:
     """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar sees little of them but shadow.
 
     Nobody takes it for an example of what stands there. Lit ground teaches however weak its echo: were it only where
-    fading or slopes lift it above the noise, a class would be taught brighter than it is. ``counts`` are those of the
-    pixel itself, ``cells`` of what it shows.
+    fading or slopes lift it above the noise, a class would be taught brighter than it is. ``cells`` are those of what a
+    pixel shows.
     """
     if not isinstance(image, RadarImage):
         return cells
     hidden = np.asarray(image.mean_power.max(axis=0) < image.noise_power_w[:, None]).ravel()
-    if not hidden.any():
+    if not hidden.any() or not (hidden := hidden & pixels.dark()).any():
         return cells
-    dark = image.pixel_of_cell[image.shadow & scored]
-    in_shadow = np.bincount(dark[dark >= 0], minlength=hidden.size)
     teaching = cells.copy()
-    teaching[hidden & (2 * in_shadow > np.einsum("nk->n", counts))] = 0
+    teaching[hidden] = 0
     return _or_all(teaching, cells)
 
 

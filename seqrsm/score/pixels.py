@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -16,7 +16,7 @@ from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
-from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radar.result import RadarImage, in_shadow
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 Image: TypeAlias = RadarImage | RadiometerImage
@@ -51,6 +51,9 @@ class Pixels:
         See `seqrsm.score.classification.halves`.
     side_m : float
         Side of a tile [m].
+    dark : callable
+        Gives which pixels of a radar (n_pixels,) have more than half of their scored cells in shadow; made when asked
+        for, and once.
     """
 
     pixel: AnyArray
@@ -60,6 +63,7 @@ class Pixels:
     seen: BoolArray
     keys: FloatArray
     side_m: float
+    dark: Callable[[], BoolArray]
 
 
 def pixels_of(images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> Pixels:
@@ -87,9 +91,10 @@ _known_ground: WeakKeyDictionary[Callable[[], AnyArray], dict[tuple[Scene, float
 
 def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     """As `pixels_of`, with tiles of a side [m]; keys are whole numbers."""
+    state: Callable[[], AnyArray] = partial(np.zeros, scene.shape, dtype=np.uint8)
     if isinstance(image, RadarImage):
         _, n_rows, n_columns = image.intensity.shape
-        pixel = image.pixel_of_cell
+        pixel, state = image.pixel_of_cell, image.state
         ground = image.ground_range_m
         # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
         across, along = image.place_m(*np.indices((n_rows, n_columns), sparse=True))
@@ -116,7 +121,14 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     _keep_fields_whole(main, large, tile, n_tiles)
     keys = np.append(np.zeros(n_tiles), 1.0 + categories_of_fields(scene)[own])
     seen = np.bincount(tile[field != -1], minlength=len(keys)) > 0
-    return Pixels(pixel, counts, field, tile, seen, keys, side)
+    return Pixels(pixel, counts, field, tile, seen, keys, side, cache(partial(_dark, state, pixel, counts, scene)))
+
+
+def _dark(state: Callable[[], AnyArray], pixel: AnyArray, counts: AnyArray, scene: Scene) -> BoolArray:
+    """See `Pixels.dark`; ``state`` gives that of each cell."""
+    of_cells = pixel[in_shadow(state()) & scene.scored]
+    cells = np.bincount(of_cells[of_cells >= 0], minlength=len(counts))
+    return np.asarray(2 * cells > np.einsum("nk->n", counts))
 
 
 def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles: int) -> None:

@@ -10,6 +10,7 @@ from psm_cases import Table, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.score.evidence import _shown, evidence_of
+from seqrsm.score.pixels import pixels_of
 from seqrsm.sensor.named import with_noise
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.frame import make_frame
@@ -156,12 +157,12 @@ def test_a_pixel_teaches_unless_it_is_mostly_shadow_and_dark_in_all_channels():
     for k, cells in zip(whole, (4, 3, 2, 3, 3), strict=True):
         shadow[tuple(np.argwhere(pixel == k)[:cells].T)] = kernels.CAST_SHADOW
     scored[(pixel == whole[4]) & (shadow > 0)] = False  # and what is scored of the last is lit
-    counts = np.bincount(pixel[scored], minlength=n)[:, None]
     power = np.full((2, n), 0.5)
     power[1, whole[3]] = power[0, -1] = 2.0  # noise is 1
     power, noise = power.reshape(2, *image.mean_power.shape[1:]), np.ones_like(image.noise_power_w)
     seen = replace(image, mean_power=power, noise_power_w=noise, state=lambda: shadow)
-    silent = np.flatnonzero(_shown(seen, counts, counts, scored)[:, 0] == 0)
+    pixels = pixels_of([seen], replace(s, scored=scored), seed=1, run_id=1)
+    silent = np.flatnonzero(_shown(seen, pixels, pixels.counts)[:, 0] == 0)
     np.testing.assert_array_equal(np.intersect1d(silent, whole), whole[:2])
 
 

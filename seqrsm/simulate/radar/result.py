@@ -90,7 +90,7 @@ class RadarImage:
     @property
     def shadow(self) -> BoolArray:
         """Cells of the scene (rows, cols) that return nothing for geometry."""
-        return np.asarray((self.state() & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
+        return in_shadow(self.state())
 
     @property
     def layover(self) -> BoolArray:
@@ -118,6 +118,11 @@ class RadarImage:
             return np.asarray(across), np.asarray((column + 0.5) * self.azimuth_spacing_m)
         bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
         return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
+
+
+def in_shadow(state: AnyArray) -> BoolArray:
+    """Cells that return nothing for geometry, from their bits of `kernels`."""
+    return np.asarray((state & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
 
 
 def rectangular_pixels(image: RadarImage) -> IntArray:
