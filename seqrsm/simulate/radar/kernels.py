@@ -23,7 +23,6 @@ NO_DATA = 8
 STRIP = 1024
 """Columns done at a time: the work lines of a strip stay in the core's first cache."""
 
-_FEW_BINS = 48
 _BLOCK = np.uint64(64)  # columns whose bins are found together: the fewer, the fewer bins relief spreads them over
 
 # Columns and places in lines are unsigned here: a signed index that may be negative would need a test at each access,
@@ -364,10 +363,12 @@ def _floor(x: float) -> np.int32:
 
 @kernel
 def _add_row(shift: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArray) -> None:
-    """Add a row of elements, of densities `_POWER`, to the bins they overlap, leaving out what falls beyond `out`."""
+    """Add a row of elements, of densities `_POWER`, to the bins they overlap, leaving out what falls beyond `out`.
+
+    Bin by bin over a whole block of columns: more arithmetic than element by element, but no scatter, so it vectorises.
+    """
     number = w.dtype.type
     zero = number(0.0)
-    n_channels, n_bins = out.shape[0], out.shape[1]
     for first in range(_ZERO, m, _BLOCK):
         end_of = min(first + _BLOCK, m)
         # The bins that hold all elements; a cast rounds towards 0, so there may be one too many at either end.
@@ -375,27 +376,16 @@ def _add_row(shift: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArr
         for j in range(first, end_of):
             least = min(least, np.int32(w[_LOW + j]))
             most = max(most, np.int32(w[_HIGH + j]))
-        lowest = max(int(least) - 1 if least <= 0 else int(least), -shift)
-        highest = min(int(most), n_bins - 1 - shift)
-        if most - least < _FEW_BINS:
-            # Bin by bin over the whole block: more arithmetic, but no scatter, so it vectorises.
-            for k in range(lowest, highest + 1):
-                begin, end = number(k), number(k + 1)
-                line = np.uint64(k + shift)
-                for j in range(first, end_of):
-                    w[_FACTOR + j] = max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
-                for c in range(n_channels):
-                    power = _POWER + np.uint64(c * _LINE)
-                    for j in range(first, end_of):
-                        out[c, line, left + j] += w[power + j] * w[_FACTOR + j]
-        else:
+        lowest = int(least) - 1 if least <= 0 else int(least)
+        for k in range(max(lowest, -shift), min(int(most), out.shape[1] - 1 - shift) + 1):
+            begin, end = number(k), number(k + 1)
+            line = np.uint64(k + shift)
             for j in range(first, end_of):
-                low, high = w[_LOW + j], w[_HIGH + j]
-                k0, k1 = int(_floor(low)), int(_floor(high))
-                for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
-                    part = max(min(high, number(k + 1)) - max(low, number(k)), zero)
-                    for c in range(n_channels):
-                        out[c, np.uint64(k + shift), left + j] += w[_POWER + np.uint64(c * _LINE) + j] * part
+                w[_FACTOR + j] = max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
+            for c in range(out.shape[0]):
+                power = _POWER + np.uint64(c * _LINE)
+                for j in range(first, end_of):
+                    out[c, line, left + j] += w[power + j] * w[_FACTOR + j]
 
 
 @kernel
