@@ -57,7 +57,8 @@ def test_fit_and_status_load_no_engine() -> None:
 def test_engines_load_numba_with_the_first_kernel_that_is_called() -> None:
     code = "import numpy as np, seqrsm.campaign.dossier, seqrsm.campaign.loop, seqrsm.simulate.radar.psm"
     assert not loaded_by(code) & {"numba", "scipy.ndimage", "scipy.sparse", "scipy.interpolate"}
-    call = "seqrsm.simulate.radar.kernels.mark_layover(np.ones((3, 4)), np.ones(3), np.ones((3, 4), dtype=np.uint8))"
+    given = "np.ones((3, 4)), np.ones(3), np.ones((3, 4), dtype=np.uint8), np.ones(4)"
+    call = f"seqrsm.simulate.radar.kernels.mark_layover({given})"
     assert "numba" in loaded_by(f"{code}\n{call}")
 
 

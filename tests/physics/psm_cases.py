@@ -112,7 +112,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
         state,
         *kernels.work_lines(frame.elevation_m, table),
     )
-    kernels.mark_layover(offset, grid.base[1:-1], state)
+    kernels.mark_layover(offset, grid.base[1:-1], state, np.empty(shape[1], dtype=dtype))
     return PowerMap(frame, grid, power, offset, state)
 
 

@@ -309,7 +309,7 @@ def state_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> A
     tables = sigma0, n_categories, np.empty((0, 0), dtype=dtype), np.empty(0, dtype=dtype)
     nothing = np.empty((0, grid.n_bins, shape[1]), dtype=dtype)
     _sum_echoes(radar, grid, tables, (0, shape[1]), nothing, (offset, state))
-    kernels.mark_layover(offset, grid.base[1:-1], state)
+    kernels.mark_layover(offset, grid.base[1:-1], state, np.empty(shape[1], dtype=dtype))
     del offset
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first = int(frame.source[frame.pad_near])

@@ -3,6 +3,9 @@
 Arrays are ``[range, azimuth]`` with azimuth contiguous: each step is independent along the contiguous axis, so the
 inner loops vectorise, and a row has one ground range. Long offsets (ranges of hundreds of kilometres) stay in float64
 row constants; the arrays of cells hold only small differences from them, so single precision loses nothing that counts.
+
+min, max and int are functions that numba compiles for each type they are called with, some 0.03 s each: a condition
+stands where a type is met once.
 """
 
 from __future__ import annotations
@@ -370,14 +373,18 @@ def _add_row(shift: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArr
     number = w.dtype.type
     zero = number(0.0)
     for first in range(_ZERO, m, _BLOCK):
-        end_of = min(first + _BLOCK, m)
+        end_of = first + _BLOCK if m - first > _BLOCK else m
         # The bins that hold all elements; a cast rounds towards 0, so there may be one too many at either end.
         least, most = np.int32(2147483647), np.int32(-2147483648)
         for j in range(first, end_of):
-            least = min(least, np.int32(w[_LOW + j]))
-            most = max(most, np.int32(w[_HIGH + j]))
-        lowest = int(least) - 1 if least <= 0 else int(least)
-        for k in range(max(lowest, -shift), min(int(most), out.shape[1] - 1 - shift) + 1):
+            low, high = np.int32(w[_LOW + j]), np.int32(w[_HIGH + j])
+            least = low if low < least else least
+            most = high if high > most else most
+        lowest: Any = np.int64(least) - 1 if least <= 0 else np.int64(least)
+        highest: Any = np.int64(most)
+        lowest = lowest if lowest > -shift else -shift
+        highest = highest if highest < out.shape[1] - 1 - shift else out.shape[1] - 1 - shift
+        for k in range(lowest, highest + 1):
             begin, end = number(k), number(k + 1)
             line = np.uint64(k + shift)
             for j in range(first, end_of):
@@ -410,7 +417,7 @@ def _offset_row(
 
 
 @kernel
-def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
+def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray, far: AnyArray) -> None:
     """Set the LAYOVER bit where the order of slant ranges differs from the order on the ground; two sweeps, no sort.
 
     Parameters
@@ -421,10 +428,11 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
         Range position of the datum in each row [bins].
     state : uint8 array (n, m)
         Changed in place.
+    far : float array (m,)
+        Work space.
     """
     n, m = offset.shape
     bit = np.uint8(LAYOVER)
-    far = np.empty(m, dtype=offset.dtype)
     for j in range(m):
         far[j] = offset[0, j]
     for i in range(1, n):
@@ -433,7 +441,7 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
             reach = far[j] - step
             if offset[i, j] <= reach:
                 state[i, j] |= bit
-            far[j] = max(reach, offset[i, j])
+            far[j] = reach if reach > offset[i, j] else offset[i, j]
     for j in range(m):
         far[j] = offset[n - 1, j]
     for i in range(n - 2, -1, -1):
@@ -442,7 +450,7 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
             reach = far[j] + step
             if offset[i, j] >= reach:
                 state[i, j] |= bit
-            far[j] = min(reach, offset[i, j])
+            far[j] = reach if reach < offset[i, j] else offset[i, j]
 
 
 @kernel
@@ -474,7 +482,7 @@ def average_azimuth(
     """
     n_channels, n_bins, m = sums.shape
     n_pixels = out.shape[2]
-    whole = int(cells_a_pixel)
+    whole = np.int64(cells_a_pixel)
     for c in range(n_channels):
         for i in range(n_bins):
             if beam[i] <= 1.0 and whole == cells_a_pixel:
@@ -507,7 +515,7 @@ def average_azimuth(
 @kernel
 def _integral(total: AnyArray, x: float, m: int) -> float:
     """Integral of a row of unit-wide steps from 0 to `x`, `total` being its running sum."""
-    k = min(int(x), m - 1)
+    k = np.int64(x) if x < m else m - 1
     return total[k] + (x - k) * (total[k + 1] - total[k])
 
 
