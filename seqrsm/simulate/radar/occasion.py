@@ -48,13 +48,15 @@ from seqrsm.simulate.visits import (
 from seqrsm.units import db_to_linear, linear_to_db
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
-_CROP_WEATHER_DB: Final = 0.4  # a crop's own: 0.6 of means over some 30 parcels, less what their number leaves open
+_CROP_WEATHER_DB: Final = (0.6, 1.0)
+"""A crop's own: 10-day means of wheat, maize and grass of western France, less those of all crops and of 50 days and what
+their number leaves open, depart by 0.32 and 0.55 dB rms, which is half of what such a series does."""
 _CROP_DAYS: Final = 15.0
-"""In which a crop's own falls to 1/e: 10-day means of crops in western France, less those of all crops and of 50 days,
-are related by 0.0 from one to the next, as those of such a series are; of weather by -0.15, of sampling by -0.3."""
-_FIELD_WEATHER_DB: Final = 0.4
-"""As of crops (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85 dB (VV; five pairs
-each, over the root of 2), where what fades in weeks leaves 0.34."""
+"""In which that falls to 1/e: those means are related by 0.0 from one to the next, as in such a series; of weather it
+would be -0.15, of sampling -0.3."""
+_FIELD_WEATHER_DB: Final = (0.4, 0.55)
+"""In proportion to `_WEATHER_DB` (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85 dB
+(VV; five pairs each, over the root of 2), where what fades in weeks leaves 0.34."""
 _YEAR_DB: Final = 1.0  # assumed
 
 
@@ -126,8 +128,8 @@ def draw_occasion(
     on which other channels there are, on sensors of the same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
-    common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.4 dB), a level (1 dB) and a shift of the year, and
-    fields with a lasting departure, one that fades, part of it (0.4 dB) as weather does, and a shift of their own
+    common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.6, 1 dB), a level (1 dB) and a shift of the year, and
+    fields with a lasting departure, one that fades, part of it (0.4, 0.55 dB) as weather does, and a shift of their own
     (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil, and
     the part of its echo that is the soil's has the date's moisture in place of the weather that crops share. The
     spread was measured with early and late fields in it, so what their shift makes of it on a day is taken off what
@@ -222,7 +224,7 @@ def _dated(
     own = over_soil(own, soil, closed)
     common = over_dates(visit, "weather", lambda name: draw(name, 1), FAST_DAYS)
     canopy = 1.0 - on_day(course.soil_share, day)
-    weather = _WEATHER_DB[draw.channel == "HV"] * canopy * common + _CROP_WEATHER_DB * own
+    weather = _WEATHER_DB[draw.channel == "HV"] * canopy * common + _CROP_WEATHER_DB[draw.channel == "HV"] * own
     year = _YEAR_DB * over_soil(draw("year backscatter", n), draw("year bare soil", 1), closed)
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
@@ -238,7 +240,7 @@ def _dated(
         early, behind = on_day(course.change_db[k], at + course.shift_days[k] * np.array([1.0, -1.0]))
         fading[k] = max(fading[k] - 0.25 * (early - behind) ** 2, 0.0)
         shifted[mine] = on_day(course.change_db[k], at - shifts[mine]) - moved[k]
-    fast = np.minimum(_FIELD_WEATHER_DB**2, fading)
+    fast = np.minimum(_FIELD_WEATHER_DB[draw.channel == "HV"] ** 2, fading)
     parts = ((lasting, lasts), (fading - fast, fades), (fast, quick))
     return offset, sum(np.sqrt(variance)[category] * drawn for variance, drawn in parts) + shifted
 
