@@ -485,7 +485,7 @@ def test_what_half_lasts_is_half_the_same_on_two_dates():
 
 def test_a_late_year_and_a_late_field_are_looked_at_before_their_time(monkeypatch):
     """Nothing else is left: offsets are what the course was so many days ago."""
-    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
+    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", (0.0, 0.0)), ("_YEAR_DB", 0.0)):
         monkeypatch.setattr(occasion, name, value)
     monkeypatch.setattr("seqrsm.scattering.calendar._BARE_FIELDS_DB", (0.0, 0.0))
     looked = at(150.0)

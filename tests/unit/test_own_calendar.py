@@ -150,7 +150,7 @@ def test_deviations_that_are_not_stated_are_those_of_the_least_known_shipped_cou
 
 def two_crops(tmp_path, monkeypatch, levels_db, rows):
     """A table of two crops of 1.5 dB from field to field, with courses, and nothing else that a date does to them."""
-    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
+    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", (0.0, 0.0)), ("_YEAR_DB", 0.0)):
         monkeypatch.setattr(occasion, name, value)
     own = tmp_path / "own.csv"
     lines = ["quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd\n"]

@@ -49,14 +49,14 @@ from seqrsm.units import db_to_linear, linear_to_db
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
 _CROP_WEATHER_DB: Final = (0.6, 1.0)
-"""A crop's own: 10-day means of wheat, maize and grass of western France, less those of all crops and of 50 days and what
-their number leaves open, depart by 0.32 and 0.55 dB rms, which is half of what such a series does."""
+"""A crop's own: 10-day means of wheat, maize and grass of western France, less those of all crops and of 50 days and
+what their number leaves open, depart by 0.32 and 0.55 dB rms, which is half of what such a series does."""
 _CROP_DAYS: Final = 15.0
 """In which that falls to 1/e: those means are related by 0.0 from one to the next, as in such a series; of weather it
 would be -0.15, of sampling -0.3."""
 _FIELD_WEATHER_DB: Final = (0.4, 0.55)
-"""In proportion to `_WEATHER_DB` (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85 dB
-(VV; five pairs each, over the root of 2), where what fades in weeks leaves 0.34."""
+"""In proportion to `_WEATHER_DB` (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85
+dB (VV; five pairs each, over the root of 2), where what fades in weeks leaves 0.34."""
 _YEAR_DB: Final = 1.0  # assumed
 
 
