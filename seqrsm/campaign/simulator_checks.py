@@ -140,7 +140,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
             for day in {one.visit.day for one in made} if of_one_kind else ():
                 refuse_combination([one.sensor for one in made if one.visit.day == day])
             # One of each kind, of which several sensors of a set may have their own.
-            for kind, note in {note.partition(":")[0]: note for note in sensor_notes(task, scene)}.items():
+            for kind, note in {note.partition(":")[0]: note for _, note in _sensor_notes(task, scene)}.items():
                 met.setdefault(kind, []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
@@ -155,13 +155,14 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     )
 
 
-def sensor_notes(task: SimulationTask, scene: Scene) -> list[str]:
-    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated."""
+def _sensor_notes(task: SimulationTask, scene: Scene) -> list[tuple[str, str]]:
+    """Name of each sensor of a task, "" where it is alone, with what its parameters do; refuses what cannot be made."""
     made = task.acquisitions
-    notes: list[str] = []
+    notes = []
     for one in made:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):
-            notes += ENGINES[one.engine].examine(scene, one.sensor, task.scattering(one.engine), one.visit.day)
+            told = ENGINES[one.engine].examine(scene, one.sensor, task.scattering(one.engine), one.visit.day)
+            notes += [(one.member, note) for note in told]
     return notes
 
 
@@ -171,10 +172,14 @@ def not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
     None where it cannot be simulated as things stand: results do not need it.
     """
     try:
-        notes = sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
+        notes = _sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
     except (UserError, OSError):
         return ()
-    return tuple(f"At these settings {note}." for note in notes if note.startswith(NOT_TO_BE_USED))
+    return tuple(
+        f"Sensor {member} at these settings: {note}." if member else f"At these settings {note}."
+        for member, note in notes
+        if note.startswith(NOT_TO_BE_USED)
+    )
 
 
 def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_points: int) -> Problem:

@@ -16,6 +16,7 @@ from tiny_campaign import make_tiny
 from seqrsm.campaign.images import report_pictures
 from seqrsm.campaign.rests_on import crop_calendar, mean_sds
 from seqrsm.campaign.simulation import carry_out, files_of, task_of
+from seqrsm.campaign.simulator_checks import not_to_be_used
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
@@ -320,6 +321,18 @@ def test_faults_of_a_calendar_are_told_before_any_run(tmp_path, tiny_scene) -> N
         stopped = seqrsm("check", folder)
         assert stopped.exit_code == 2
         assert words in stopped.stderr
+
+
+def test_a_warning_names_the_sensor_of_the_set_that_sees_nothing(tmp_path, tiny_scene) -> None:
+    """Both do here, and are told apart; sensors that are not of the recommended set are not told of."""
+    weak = text().replace("peak_power = 1000.0", "peak_power = 1e-6")
+    spec = load_spec(make_tiny(tmp_path / "weak", tiny_scene, weak))
+    own = {"dates": 2.0, "first_day": 120.0, "C.resolution": 30.0}
+    both = not_to_be_used(spec, {"frequency": "L+C", **own})
+    starts = [f"Sensor {name} at these settings: the echo is weaker than the receiver's noise" for name in ("L", "C")]
+    assert [told.partition(": every cover")[0] for told in both] == starts
+    (alone,) = not_to_be_used(spec, {"frequency": "L", **own})
+    assert alone.startswith(starts[0])
 
 
 @pytest.mark.parametrize("key", ["[simulator.members.C]\ntargets_file", '"C.targets_file"', "targets_file"])

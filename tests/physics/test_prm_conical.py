@@ -52,8 +52,14 @@ def test_flat_ground_is_seen_at_one_incidence_and_slopes_at_their_own(theta: flo
 
 def test_notes_of_a_scan_begin_with_their_kind() -> None:
     """By which `check` counts at how many settings each is met."""
-    notes = scan_geometry(radiometer(conical_incidence_deg=55.0), 6000.0, 4000.0, 1000.0).notes
-    assert [note.partition(": ")[0] for note in notes] == ["conical scan", "arc of the scan"]
+    conical = radiometer(conical_incidence_deg=55.0)
+    given, not_given = (
+        scan_geometry(one, 6000.0, 4000.0, 1000.0).notes for one in (replace(conical, antenna_limit_m=60.0), conical)
+    )
+    assert [note.partition(": ")[0] for note in given] == ["conical scan", "arc of the scan"]
+    assert not_given[1:] == given
+    # 1.22 x 3 cm over a beam as narrow as the ellipse is across, sqrt(cos 55 deg) 50 m, from 6000 m / cos 55 deg.
+    assert not_given[0].startswith("the beam needs a large antenna: 10.1 m")
 
 
 def test_lines_lie_a_footprint_apart_and_the_arc_is_that_of_a_circle() -> None:
@@ -62,7 +68,7 @@ def test_lines_lie_a_footprint_apart_and_the_arc_is_that_of_a_circle() -> None:
         scan = scan_geometry(made, 6000.0, 4000.0, 3000.0)
         assert (scan.n_lines, scan.advance_m) == (round(3000.0 / apart_m), 3000.0 / scan.n_lines)
         radius = 6000.0 * math.tan(math.radians(55.0))  # 10 ms of it at a turn a second: 538 m
-        behind = float(scan.notes[1].partition("it lies ")[2].partition(" m")[0])
+        behind = float(scan.notes[-1].partition("it lies ")[2].partition(" m")[0])
         assert behind == pytest.approx(radius - math.sqrt(radius**2 - 1500.0**2), rel=0.01)
 
 
