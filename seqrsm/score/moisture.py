@@ -48,7 +48,8 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     days = dict.fromkeys(image.day for image in images)
     dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
     weight, truth, error = (np.concatenate(parts) for parts in zip(*(date[:3] for date in dates), strict=True))
-    variance = float(np.mean([date.spread**2 for date in dates]))
+    # As of errors, by cells: a date on which nothing is compared has none.
+    variance = float(sum(date.spread**2 * date.weight.sum() for date in dates) / max(weight.sum(), 1.0))
     if not any(date.pieces for date in dates):
         text = "no scored cells have retrievable soil moisture"
         remedy = "Choose another utility, bare soil that is not frozen, or days on which fields lie bare."

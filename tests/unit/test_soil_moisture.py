@@ -926,6 +926,29 @@ def test_standard_errors_are_those_of_normal_errors(monkeypatch: pytest.MonkeyPa
     assert skill.se == pytest.approx(sd**2 * np.sqrt(2.0 / n) / spread**2, rel=0.06)
 
 
+@pytest.mark.parametrize("pieces", [0, 1])
+def test_a_date_on_which_nothing_is_compared_does_not_change_the_skill(
+    pieces: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Guessing is as good on it as one likes: crops hide all fields on the second of two dates, or all but one."""
+    none = np.zeros(0)
+    dates = {
+        "bare": moisture._Date(np.full(2, 30.0), np.array([-0.05, 0.05]), np.array([0.01, -0.01]), 0.0, 0.05, 2),
+        "few": moisture._Date(np.full(2, 10.0), np.array([-0.01, 0.01]), np.array([0.02, -0.02]), 0.0, 0.01, 2),
+        "closed": moisture._Date(none, none, none, 0.0, 0.0, pieces),
+    }
+    monkeypatch.setattr(moisture, "_compared", lambda images, *_: dates[images[0].day])
+
+    def scored(asked, *days: str):
+        return score_moisture([SimpleNamespace(day=day) for day in days], None, asked, seed=0, run_id=0)
+
+    assert scored(SKILL, "bare", "closed").value == pytest.approx(1.0 - (0.01 / 0.05) ** 2)
+    assert scored(ERROR, "bare", "closed").guess == pytest.approx(0.05)
+    # Cells count alike in errors and in what a guess is wrong by, whatever their date.
+    expected = 1.0 - (60.0 * 0.01**2 + 20.0 * 0.02**2) / (60.0 * 0.05**2 + 20.0 * 0.01**2)
+    assert scored(SKILL, "bare", "few").value == pytest.approx(expected)
+
+
 def test_a_date_is_as_moist_as_one_between_the_stated_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """The prior of the date's mean is that of a uniform draw, and of the ground's own departure about it."""
     asked: list[tuple[float, float]] = []
