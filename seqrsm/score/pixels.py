@@ -169,7 +169,7 @@ def tile_m(scene: Scene, *, radar: bool, cell_m: float = 0.0) -> float:
 def large_fields(scene: Scene, side_m: float) -> IntArray:
     """Fields larger than a tile (n_fields,), numbered from 1; -1 where one is most of its cover's ground, 0: smaller.
 
-    Of ground that is scored.
+    Larger with all their ground, most of what is scored.
     """
     cells, scored = (
         np.bincount(field.ravel(), minlength=scene.n_fields) for field in (scene.field_id, scene.field_id[scene.scored])

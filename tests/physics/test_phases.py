@@ -514,3 +514,17 @@ def test_at_nadir_a_field_is_related_by_its_own_cross_polarized_power(monkeypatc
     hh, hv = (look.sigma0[kind, 0] * 10.0 ** (0.1 * of) for look, of in zip(looks, departed, strict=False))
     np.testing.assert_allclose(drawn[-1], np.minimum(1.0 - 2.0 * hv / hh, MOST), atol=5e-3)  # two degrees off
     assert np.ptp(hv / hh) > 0.05
+    # Layers of the phase are those powers added, by that relation.
+    vv = looks[2].sigma0[kind, 2] * 10.0 ** (0.1 * (met.class_offset_db[2, kind] + met.field_offset_db[2]))
+    here = looks[0].sigma0[kind, 2] * 10.0 ** (0.1 * departed[0])
+    sums = [look.sigma0[kind, 2] for look in looks[-2:]] * 10.0 ** (
+        0.1 * (met.class_offset_db[-2:, kind] + met.field_offset_db[-2:])
+    )
+    relation = drawn[-1]
+    expected = [0.5 * (here + vv) + np.sqrt(here * vv) * part for part in (relation.real, relation.imag)]
+    np.testing.assert_allclose(sums, expected, rtol=2e-3)
+    # What the radar has wrong of its power is no property of the ground.
+    wrong = replace(sensor, calibration_sd_db=3.0)
+    of_ground = drawn[-1]
+    occasion.met_occasion(ground, wrong, TABLE, looks, (0.2, 5.0), Visit(), seed=1, run_id=1)
+    np.testing.assert_array_equal(drawn[-1], of_ground)

@@ -186,3 +186,20 @@ def test_limits_settle_the_ends() -> None:
     land, sea = limit_db(flat, surface=False, water=False), limit_db(flat, surface=True, water=True)
     assert (land[0, 0], land[1, 0], sea[0, 0]) == (12.0, -3.0, 20.0)
     assert np.isnan(limit_db(np.full((3, 91), np.nan), surface=False, water=False)).all()
+
+
+def test_hh_and_vv_keep_their_mean_from_20_deg_down_and_part_as_the_square_of_the_sine() -> None:
+    angle = np.arange(91.0)
+    given = np.stack([-5.0 - 0.1 * angle, -20.0 - 0.1 * angle, -9.0 - 0.2 * angle])
+    before = given.copy()
+    hh, hv, vv = limit_db(given, surface=False, water=False)
+    np.testing.assert_array_equal(given, before)  # it may be a row of the table
+    np.testing.assert_allclose((hh + vv)[:70], (given[0] + given[2])[:70])
+    apart = 6.0 * (np.sin(np.deg2rad(angle[:21])) / np.sin(np.deg2rad(20.0))) ** 2  # 4 dB at nadir, 6 dB at 20 deg
+    np.testing.assert_allclose((hh - vv)[:21], apart, atol=1e-12)
+    np.testing.assert_allclose([hh[20:70], vv[20:70], hv[20:70]], given[[0, 2, 1], 20:70])
+    # Of a table with one of them alone nothing is known of the other.
+    given[2] = np.nan
+    alone = limit_db(given, surface=False, water=False)
+    np.testing.assert_allclose(alone[0, :70], given[0, :70])
+    assert np.isnan(alone[2]).all()

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,12 +16,13 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
+from seqrsm.campaign import budget as budgets
 from seqrsm.campaign.budget import Budget, Plan, Surfaces, _greedy, plans_by_process, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import _Scatter, _surfaces
 from seqrsm.campaign.rehearsal import make_campaign
 from seqrsm.cli.app import app
-from seqrsm.decide.stopping import StopRule, telling
+from seqrsm.decide.stopping import AS_REPEATS, StopRule, telling
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -401,6 +403,51 @@ def test_where_scores_favour_no_quadratic_the_loss_foretold_is_that_of_campaigns
         told.append(last.posterior.expected_regret)
     assert 0.3 * np.mean(lost) < np.mean(foretold) < 1.2 * np.mean(lost)
     assert np.mean(told) < np.mean(foretold) < 3.0 * np.mean(told)
+
+
+@pytest.mark.parametrize("goal", ["maximize", "minimize"])
+def test_further_runs_of_a_process_choose_between_two_places_as_they_can(goal: str, monkeypatch) -> None:
+    """Two places of normal values apart by chance, and what choosing by the scores of runs at one or both loses."""
+    means, covariance, s = np.array([3.0, 0.0]), np.array([[9.0, 2.0], [2.0, 4.0]]), 4.0
+    at, rng = np.array([[-1.0], [1.0]]), np.random.default_rng(0)
+    drawn = rng.multivariate_normal(means, covariance, 20_000)
+    cloud = SimpleNamespace(points=at, mean=means, covariance=covariance, draws=lambda of_each, _: drawn)
+    further: list[int] = []
+
+    def proposed(*of, sign: float, seed: int):  # noqa: ARG001
+        n = of[-1]
+        assert sign == (1.0 if goal == "maximize" else -1.0)
+        further.append(n)
+        return [SimpleNamespace(point=at[k % 2]) for k in range(n)]
+
+    monkeypatch.setattr(budgets, "propose_from_process", proposed)
+    monkeypatch.setattr(budgets, "cloud_of", lambda *_: (cloud, np.random.default_rng(1)))
+    fitted = SimpleNamespace(
+        departure=SimpleNamespace(process="process"),
+        region=None,
+        data=SimpleNamespace(points=np.zeros((8, 1))),
+        surface=SimpleNamespace(n_terms=3),
+        goal=goal,
+        scatter=lambda best: (s, 0.2),
+        scale=SimpleNamespace(to_score=lambda value: 10.0 * value),
+    )
+    optimum = SimpleNamespace(point=np.zeros(1))
+    model, fit = SimpleNamespace(p=3), SimpleNamespace(n_runs=8)
+    analysis = SimpleNamespace(fitted=fitted, fit=fit, model=model, optimum=optimum, sd_of_run=15.0)
+    rule = StopRule(half_width=1.0, max_runs=10)
+    (plan,), over = plans_by_process(analysis, rule, 1)
+    assert plan.runs == 10
+    assert further == [over[-1].runs - 8]
+    # The same surfaces with other scores of the two further runs, one at each place.
+    precision = np.linalg.inv(covariance + s**2 * np.eye(2))
+    losses = []
+    for _ in range(50):
+        scores = drawn + s * rng.standard_normal(drawn.shape)
+        chosen = np.argmax(means + (scores - means) @ precision @ covariance, axis=1)
+        losses.append(10.0 * np.mean(drawn.max(axis=1) - drawn[np.arange(len(drawn)), chosen]))
+    assert abs(plan.loss - np.mean(losses)) < 4.0 * np.std(losses) < 0.06 * np.mean(losses)
+    h = 0.2 / (1.0 + AS_REPEATS * 0.2 * 2.0)
+    assert plan.half_width == pytest.approx(student.ppf(0.975, 10 - 3) * 15.0 * np.sqrt(1.0 + h))
 
 
 def test_between_two_levels_the_loss_off_quadratics_is_known() -> None:

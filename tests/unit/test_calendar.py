@@ -460,6 +460,19 @@ def test_other_channels_and_bands_follow_c_band_as_is_said():
         np.testing.assert_allclose(other[corn], vv[corn])
 
 
+@pytest.mark.parametrize(("channels", "correlation"), [(("HH", "VV"), 0.85), (("HV", "VV"), 0.75)])
+def test_courses_of_channels_are_related_as_their_levels_are_from_40_deg_on(
+    channels: tuple[str, str], correlation: float
+) -> None:
+    """A course holds at all angles: what HH and VV have more in common when steep is no part of it."""
+    days = np.full(365, 1.0 / 365.0)
+    one, other = (
+        np.array([World(3, k).season("Wheat", "crop", 5.4, channel, days) for k in range(400)]) for channel in channels
+    )
+    each = np.mean(one * other, axis=1)  # of unit mean square over the year and worlds
+    assert abs(each.mean() - correlation) < 4.0 * each.std() / np.sqrt(len(each)) < 0.13
+
+
 def test_the_course_of_worlds_has_four_harmonics():
     days = np.full(365, 1.0 / 365.0)  # over which harmonics have no mean
     draws = np.array([World(3, k).season("Wheat", "crop", 5.4, "VV", days) for k in range(600)])

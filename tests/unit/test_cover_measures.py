@@ -200,6 +200,15 @@ def test_a_field_is_large_by_its_cells_and_most_of_its_cover_by_those_that_are_s
         assert tile[own] == whole + large[field]
 
 
+def test_a_field_is_large_by_all_its_ground_and_most_of_its_cover_by_what_is_scored() -> None:
+    """Where a tile holds 4 of 8 cells of the first field, of which 3 are scored, as all 8 of the second's are."""
+    field, cover = np.repeat([0, 1], 8).astype(np.int32).reshape(2, 8), np.zeros((2, 8), np.uint8)
+    base = synthetic_scene(2, 8, 10.0, categories=("Wheat",))
+    ground = replace(base, field_id=field, cover=cover, scored=np.arange(16).reshape(2, 8) >= 5)
+    assert large_fields(ground, 20.0).tolist() == [1, -1]
+    assert not large_fields(ground, 30.0).any()
+
+
 def test_covers_of_two_large_fields_have_one_in_each_half() -> None:
     """And a cover of one is in both."""
     scene = fields(side=40, n=160)
@@ -505,6 +514,14 @@ def test_areas_are_those_of_the_ground_that_taught() -> None:
     by = taught(evidence)
     (*_, plain), (*_, known) = by.laws, knowing_areas(by, areas_taught(evidence, by)).laws
     np.testing.assert_allclose(known - plain, np.log([[140, 60], [180, 20]]))
+
+
+def test_a_class_without_ground_is_as_rare_as_half_a_cell_and_can_be_named() -> None:
+    counts = np.tile(np.eye(2, dtype=int), (4, 1))
+    evidence = Evidence(np.arange(8.0)[None], counts, np.arange(8) // 2, np.arange(4) / 4.0, 0, counts)
+    by = taught(evidence)
+    (*_, plain), (*_, known) = by.laws, knowing_areas(by, np.array([0, 8])).laws
+    np.testing.assert_allclose(known - plain, np.log([[0.5, 8.0]] * 2))
 
 
 def test_whole_cells_are_counted_where_names_are_drawn_by_lot() -> None:

@@ -336,6 +336,17 @@ def test_footprints_of_a_field_in_a_square_are_counted_by_their_areas(resolution
     np.testing.assert_allclose(own[1][0][ground.share.sum(axis=-1) > 0.0], 1.0)
 
 
+def test_what_the_table_has_wrong_of_a_cover_by_the_square_of_the_angle_is_no_moisture() -> None:
+    """5 K more at both ends of a sweep than in its middle, which straight lines leave 1 K of."""
+    s = land(("Grass",), np.zeros_like(KINDS))
+    found = simulate_radiometer(s, radiometer(frequency_ghz=1.4, **BAND), quiet_table(), seed=3, run_id=1)
+    aside = np.square(found.scan.look_rad / found.scan.look_rad.max())[:, None]
+    bent = replace(found, brightness_k=found.brightness_k + 5.0 * (aside - aside.mean()))
+    (plain, _), (value, _) = (retrieved_squares(image, s) for image in (found, bent))
+    assert np.ptp(plain) > 0.05
+    np.testing.assert_allclose(value, plain, atol=1e-3)
+
+
 @pytest.mark.parametrize("channels", [("H",), ("V",), ("H", "V")])
 def test_a_radiometer_believes_its_brightness_as_far_as_it_may(channels: tuple[str, ...]) -> None:
     """The truth of squares regressed on what is retrieved has about the slope 1, in worlds that the table misses."""
