@@ -105,7 +105,7 @@ class Sigma0Lookup:
     closed : float64 array (n_categories,)
         Share of the soil that is hidden; what is not, or is under snow, departs as bare soil does.
     nadir_sd_db : float64 array (n_categories,)
-        Of fields at nadir, where HH and VV are one [dB].
+        As ``field_sd_db`` without roughness, at nadir, where HH and VV have the mean of both.
     course : Course or None
         How the categories go through the year, where a day was asked for.
     status : tuple of str

@@ -37,8 +37,8 @@ def candidate_section(
     if measured is None:
         todo = (
             "The candidates in campaign.toml have not been compared with this optimum: run `seqrsm candidates`, then "
+            "write the report again."
         )
-        todo += "write the report again."
         return Section("candidates", "Candidate sensors", (Paragraph(todo, "warning"),)) if named else None
     several = len(measured["applications"]) > 1
     parts = tuple(

@@ -124,8 +124,8 @@ def draw_occasion(
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
     channels share the part of the variance that the table gives as their correlation, and HH and VV, looking steeply,
-    more of it, `own_weights`. A channel's draw does not depend
-    on which other channels there are, on sensors of the same dates that look no more steeply, or on later dates.
+    more of it, `own_weights`. A channel's draw does not depend on which other channels there are, on sensors of the
+    same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
     common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.6, 1 dB), a level (1 dB) and a shift of the year, and
