@@ -40,8 +40,8 @@ LOOK_DRAWS = 1000
 """Posterior draws of a look; by these the stop rule is held against its targets, so that all looks say the same."""
 
 _WILD, _SURE = 2.0, math.log(1000.0)
-"""Log evidence from which Student-t errors are offered: 2 % of looks at normal scores come to it; and from which they
-are told to be likelier by so much or more."""
+"""Log evidence from which Student-t errors are offered, as in 2 % of looks at normal scores; and from which the ratio
+is told as more than 1000."""
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""

@@ -248,8 +248,8 @@ class Budget:
     def loss_off_quadratics(self) -> float:
         """Mean loss of the budget on surfaces drawn from the prior of the process; nan of more than 250 runs.
 
-        They vary as much as the quadratics that are known. Behind a start design runs lie at optima of draws from what
-        is known so far. That is told by the process with its own lengths: what learning these takes is left out.
+        They vary as much as the quadratics that are known. After a start design runs lie at optima of draws from what
+        is known so far, by the very process that made the surface: what learning its lengths takes is left out.
         """
         runs, rng = self.rule.max_runs, generator(self.seed, 0, "budget: processes")
         points = self._cloud[:: -(-len(self._cloud) // _PLACES)]

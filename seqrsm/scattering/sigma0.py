@@ -132,7 +132,7 @@ class Sigma0Lookup:
         """Standard deviations (n_categories,) between fields at an incidence angle [deg] that add in squares [dB].
 
         Of what each frequency, angle and date sees more or less apart, and of the roughness of bare soil, which all of
-        them see alike; this grows with the sine of the angle, that does not.
+        them see alike; this grows with the sine of the angle, that goes from `nadir_sd_db` to its own at 40 deg.
         """
         apart = float(co_apart(theta_deg))
         sine = math.sin(math.radians(theta_deg)) / math.sin(math.radians(_LEVEL_DEG))
