@@ -167,7 +167,7 @@ class Store:
     def issue(self, run_ids: Iterable[int]) -> None:
         """Hand failed runs out again, for another attempt."""
         with self._write() as ledger:
-            ledger.move(run_ids, "issued", _ISSUED | {"issued_at": utc_now()})
+            ledger.move(run_ids, "issued", _ISSUED)
 
     def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
         """Issue failed runs again, named ones or all whose failure did not lie with their settings; return their ids.
