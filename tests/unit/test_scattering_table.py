@@ -11,6 +11,7 @@ from scipy.stats import linregress
 from seqrsm.errors import ScatteringDataError
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
 
 TABLE = load_sigma0_table()
 FOURTEEN = (
@@ -363,3 +364,56 @@ def test_many_wrong_rows_are_told_with_their_number(tmp_path: Path) -> None:
     with pytest.raises(ScatteringDataError, match="70 more problems like these") as caught:
         load_sigma0_table(path)
     assert len(caught.value.problems) == 51
+
+
+@pytest.mark.parametrize(
+    ("channel", "sd", "mean_sd", "nadir_sd", "nadir_mean_sd"),
+    [("HH", 1.0, 1.0, 2.0, 1.5), ("HV", 2.0, 2.5, 2.0, 2.5), ("VV", 3.0, 2.0, 2.0, 1.5)],
+)
+def test_hh_and_vv_scatter_by_the_mean_of_both_at_nadir_and_by_their_own_from_40_deg_on(
+    channel: str, sd: float, mean_sd: float, nadir_sd: float, nadir_mean_sd: float, tmp_path: Path
+) -> None:
+    """Between by the square of the sine: fields of a user's cover, and its mean from world to world."""
+    head = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd,mean_sd\n"
+    sds = {"HH": (1.0, 1.0), "HV": (2.0, 2.5), "VV": (3.0, 2.0)}
+    rows = (
+        f"sigma0,Kelp,5.4,{c},{angle},{level},dB,measured,me,{sds[c][0]},{sds[c][1]}\n"
+        for c in sds
+        for angle, level in ((10, -5), (60, -12))
+    )
+    (tmp_path / "t.csv").write_text(head + "".join(rows), encoding="utf-8")
+    table, world = load_sigma0_table(tmp_path / "t.csv"), World(3, 4)
+    found = table.lookup(["Kelp"], 5.4, channel)
+    assert (found.field_sd_db[0], found.mean_sd_db[0]) == (sd, mean_sd)
+    assert found.nadir_sd_db[0] == nadir_sd
+    half = 20.0 * np.pi / 180.0
+    apart = (np.sin(half) / np.sin(2.0 * half)) ** 2
+    for angle, own in ((0.0, 0.0), (20.0, apart), (40.0, 1.0), (65.0, 1.0)):
+        of_fields, rough = found.of_fields_db(angle)
+        assert of_fields[0] == pytest.approx(own * sd + (1.0 - own) * nadir_sd)
+        assert rough[0] == 0.0
+        met = table.in_world(world).lookup(["Kelp"], 5.4, channel)
+        departed = 10.0 * np.log10(met.sigma0 / found.sigma0)[0] / world.departure("Kelp", "", 5.4, channel)
+        assert departed[int(angle)] == pytest.approx(own * mean_sd + (1.0 - own) * nadir_mean_sd)
+
+
+def test_a_cover_with_one_channel_scatters_by_its_own_at_nadir(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(HEADER + own_rows("Kelp", ("HH",)), encoding="utf-8")
+    table = load_sigma0_table(tmp_path / "t.csv")
+    plain, met = (one.lookup(["Kelp"], 5.4, "HH") for one in (table, table.in_world(World(3, 4))))
+    departed = 10.0 * np.log10(met.sigma0 / plain.sigma0)[0] / World(3, 4).departure("Kelp", "", 5.4, "HH")
+    np.testing.assert_allclose(departed[:76], plain.mean_sd_db[0])
+    assert plain.nadir_sd_db == plain.field_sd_db
+
+
+@pytest.mark.parametrize("channel", POLARIZATIONS)
+def test_roughness_of_bare_soil_is_no_part_of_what_fields_have_at_nadir(channel: str) -> None:
+    """Its part, told at 40 deg, falls with the sine; what HH and VV are left with there is the mean of both."""
+    looks = {c: load_sigma0_table().lookup(["Bareground"], 5.4, c) for c in POLARIZATIONS}
+    left = {c: float(look.field_sd_db[0] * np.sqrt(1.0 - look.roughness_share[0] ** 2)) for c, look in looks.items()}
+    smooth, rough = looks[channel].of_fields_db(0.0)
+    alike = ("HV",) if channel == "HV" else ("HH", "VV")
+    assert (smooth[0], rough[0]) == (pytest.approx(np.mean([left[c] for c in alike])), 0.0)
+    smooth, rough = looks[channel].of_fields_db(40.0)
+    assert smooth[0] == pytest.approx(left[channel])
+    assert np.hypot(smooth[0], rough[0]) == pytest.approx(looks[channel].field_sd_db[0])
