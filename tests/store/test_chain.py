@@ -60,6 +60,19 @@ def test_changes_are_told(filled, statement, says):
     assert says in str(caught.value)
 
 
+def test_runs_that_are_issued_again_were_not_changed(store):
+    """A run that was let go, one tried again, and one whose failure lay with a machine."""
+    store.add_batch([NewRun({"x": float(i)}, "start") for i in range(3)])
+    store.claim()
+    store.fail(2, "no fuel")
+    store.fail(3, "no memory", "machine")
+    store.release()
+    store.retry([2])
+    store.issue([3])
+    assert [run.state for run in store.runs()] == ["issued"] * 3
+    store.verify()
+
+
 def test_hashes_that_were_taken_away_are_told(filled):
     with filled._database.write() as connection:
         connection.execute(sa.text("UPDATE events SET hash = ''"))
