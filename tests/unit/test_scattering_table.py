@@ -395,14 +395,19 @@ def test_hh_and_vv_scatter_by_the_mean_of_both_at_nadir_and_by_their_own_from_40
         met = table.in_world(world).lookup(["Kelp"], 5.4, channel)
         departed = 10.0 * np.log10(met.sigma0 / found.sigma0)[0] / world.departure("Kelp", "", 5.4, channel)
         assert departed[int(angle)] == pytest.approx(own * mean_sd + (1.0 - own) * nadir_mean_sd)
+    covered = table.lookup(["Kelp"], 5.4, channel, snow="wet", snow_depth_cm=4.0)
+    closed, of_soil = covered.closed[0], TABLE.lookup(["Bareground"], 5.4, channel).mean_sd_db[0]
+    assert 0.2 < closed < 0.98
+    assert covered.mean_sd_db[0] == pytest.approx(closed * mean_sd + (1.0 - closed) * of_soil)
 
 
 def test_a_cover_with_one_channel_scatters_by_its_own_at_nadir(tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text(HEADER + own_rows("Kelp", ("HH",)), encoding="utf-8")
+    rows = own_rows("Kelp", ("HH",)).replace("flight 7\n", "flight 7,0.7\n")
+    (tmp_path / "t.csv").write_text(HEADER.replace("source\n", "source,mean_sd\n") + rows, encoding="utf-8")
     table = load_sigma0_table(tmp_path / "t.csv")
-    plain, met = (one.lookup(["Kelp"], 5.4, "HH") for one in (table, table.in_world(World(3, 4))))
-    departed = 10.0 * np.log10(met.sigma0 / plain.sigma0)[0] / World(3, 4).departure("Kelp", "", 5.4, "HH")
-    np.testing.assert_allclose(departed[:76], plain.mean_sd_db[0])
+    plain, met = (one.lookup(["Kelp"], 5.0, "HH") for one in (table, table.in_world(World(3, 4))))
+    departed = 10.0 * np.log10(met.sigma0 / plain.sigma0)[0] / World(3, 4).departure("Kelp", "", 5.0, "HH")
+    np.testing.assert_allclose(departed[:76], 0.7)
     assert plain.nadir_sd_db == plain.field_sd_db
 
 
