@@ -16,7 +16,7 @@ from scipy.stats import norm
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
-from seqrsm.analysis.conclude import _possible, analyse, as_found
+from seqrsm.analysis.conclude import _gain_of_student, _possible, analyse, as_found
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.analysis.runs import evidence, n_fitted, response_scale
@@ -25,6 +25,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.decide.stopping import StopRule
 from seqrsm.errors import FitError
+from seqrsm.fit.robust import student_evidence
 from seqrsm.report.rounding import format_plain
 from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
@@ -409,3 +410,25 @@ def test_student_errors_are_offered_for_wild_flights_alone(tmp_path):
     assert offered("heeded", wild, "flight", '[model]\nerrors = "student_t"\n') == []
     # A narrow top is far off a quadratic, and no fault of a run.
     assert offered("narrow", 3.0 * hill(points) + scores, "flight") == []
+
+
+def test_student_errors_are_weighed_where_all_is_measured_and_no_other_surface_explains_more() -> None:
+    Z, y, weights = np.ones((20, 1)), norm.ppf((np.arange(20) + 0.5) / 20), np.ones(20)
+    y[4] = 8.0
+    likelier = student_evidence(Z, y, weights)
+    assert likelier > 3.0
+
+    def gain(sources: list[str], of_process: float = 0.0, exact: bool = True) -> float:
+        return _gain_of_student(
+            SimpleNamespace(
+                fit=SimpleNamespace(Z=Z, y=y, weights=weights),
+                surface=SimpleNamespace(errors=SimpleNamespace(exact=exact)),
+                data=SimpleNamespace(sources=sources),
+                departure=SimpleNamespace(log_bayes_factor=of_process),
+            )
+        )
+
+    assert gain(["flight"] * 20) == gain(["flight"] * 20, likelier - 0.1) == likelier
+    assert gain(["flight"] * 20, likelier + 0.1) == 0.0
+    assert gain(["simulation"] * 20) == gain(["flight"] * 19 + ["simulation"]) == 0.0
+    assert gain(["flight"] * 20, exact=False) == 0.0
