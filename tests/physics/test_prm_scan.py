@@ -217,6 +217,13 @@ def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
         image(scene(np.full((5, 5), 1200.0)), radiometer(), Table((0.9,)))
 
 
+@pytest.mark.parametrize(("resolution_m", "told"), [(18.2, True), (18.4, False)])
+def test_an_antenna_above_two_metres_is_large(resolution_m: float, told: bool) -> None:
+    """1.22 x 3 cm over the beam of 18.3 m from 1000 m."""
+    notes = scan_geometry(radiometer(resolution_m=resolution_m), 1000.0, 1000.0, 1000.0).notes
+    assert any(note.startswith("the beam needs a large antenna: 2.01 m") for note in notes) == told
+
+
 @pytest.mark.parametrize("cone", [{}, {"conical_incidence_deg": 55.0}])
 def test_a_large_antenna_is_told_where_no_limit_is_given(cone):
     """1.22 wavelengths an antenna is the half-power beam: at 1 GHz from 5700 m 26 m for a footprint of 80 m."""
