@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from psm_cases import Table, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.score.evidence import _shown, evidence_of
-from seqrsm.score.pixels import pixels_of
+from seqrsm.score.pixels import _dark, pixels_of
 from seqrsm.sensor.named import with_noise
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.frame import make_frame
@@ -194,3 +195,31 @@ def test_elevations_that_hold_the_trees_already_are_told(of_tops, told):
     s = scene(z, 5.0, cover, categories=("Grass", "Trees"))
     assert len(tops_counted_twice(make_frame(s, radar(), "float32"))) == told
     assert not tops_counted_twice(make_frame(s, radar(**LOW), "float32"))
+
+
+def test_ground_that_has_no_pixel_darkens_none() -> None:
+    """Of the second pixel one cell of two lies in shadow, as does one that no pixel shows."""
+    pixel, state = np.array([[-1, 0], [1, 1]]), np.array([[1, 0], [1, 0]], dtype=np.uint8) * kernels.CAST_SHADOW
+    of_ground = SimpleNamespace(scored=np.ones((2, 2), dtype=bool))
+    counts = np.array([[1], [2]])
+    assert not _dark(lambda: state, pixel, counts, of_ground).any()
+    state[1, 1] = kernels.SELF_SHADOW
+    np.testing.assert_array_equal(_dark(lambda: state, pixel, counts, of_ground), [False, True])
+
+
+def test_layover_is_ground_whose_range_other_ground_has_passed() -> None:
+    """Against all pairs of rows, of relief that reaches over many."""
+    rng = np.random.default_rng(3)
+    base, offset = np.cumsum(rng.uniform(0.5, 1.5, 60)), rng.normal(0.0, 1.5, (60, 40))
+    offset[20, :10] += 15.0
+    offset[40, 5:20] -= 15.0
+    place, row = base[:, None] + offset, np.arange(60)
+    before = row[:, None] < row
+    expected = [
+        [((one >= one[i]) & before[:, i]).any() or ((one <= one[i]) & before[i]).any() for i in row] for one in place.T
+    ]
+    state = np.full(offset.shape, kernels.CAST_SHADOW, dtype=np.uint8)
+    kernels.mark_layover(offset, base, state, np.empty(40))
+    np.testing.assert_array_equal((state & kernels.LAYOVER) != 0, np.transpose(expected))
+    assert (state & kernels.CAST_SHADOW).all()
+    assert 0.2 < np.mean(expected) < 0.95
