@@ -87,7 +87,7 @@ def _budget_sections(result: Judged, of: str, told: set[Paragraph]) -> list[Sect
     limit = f", loss {format_plain(result.target_loss)}" if math.isfinite(result.target_loss) else ""
     reach = f"\u00b1 {format_plain(result.target)}{limit}?" if known else "Enough runs?"
     departed = []
-    if math.isfinite(result.loss_departed):
+    if result.loss_departed > result.plans[0].loss:
         loss = amount(result.loss_departed, result.target_loss)
         departed.append(("if the surface is no quadratic", NOTHING, NOTHING, loss, NOTHING))
     ways = table(
