@@ -325,6 +325,10 @@ def test_what_every_row_of_a_check_is_stands_once() -> None:
         "70 %",
         "60 %",
     )
+    of_plans = one.plans[0].loss  # of quadratics, which are no worst case
+    for loss, row in ((0.9 * of_plans, 0), (1.1 * of_plans, 1), (math.nan, 0)):
+        other = dataclasses.replace(result, loss_departed=loss, others=())
+        assert str(check_sections(other)).count("if the surface is no quadratic") == row
     fast = dict(check_sections(dataclasses.replace(result, seconds_per_run=0.003))[0].blocks[0].items)
     assert fast["simulation time here"] == "0.0030 s a run; less than 1 s for the budget"  # it said 0 s
 
