@@ -27,6 +27,7 @@ from seqrsm.scattering.models import (
     soil_response_baghdadi16,
 )
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, numbers_of, shipped_rows
+from seqrsm.scattering.worlds import co_apart
 from seqrsm.units import db_to_linear, linear_to_db
 
 THETA_DEG: Final[FloatArray] = np.arange(91.0)
@@ -111,7 +112,7 @@ _GRAZING_FALL_DB = linear_to_db(
     np.maximum(np.cos(np.deg2rad(THETA_DEG[_GRAZING_DEG:])) / np.cos(np.deg2rad(_GRAZING_DEG)), 1e-30)
 )
 
-_STEEP_SHARE = np.square(np.sin(_THETA[: _STEEP_DEG + 1]) / np.sin(_THETA[_STEEP_DEG]))
+_STEEP_SHARE = co_apart(THETA_DEG[: _STEEP_DEG + 1], _STEEP_DEG)
 
 
 def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:

@@ -21,7 +21,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, bare_fields_db, on_day, share_of_c
+from seqrsm.scattering.calendar import SHIPPED, Calendar, Course, on_day
 from seqrsm.scattering.coherence import Relation
 from seqrsm.scattering.curves import (
     MOISTURE_FELT,
@@ -33,9 +33,16 @@ from seqrsm.scattering.curves import (
     weakest,
 )
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.models import soil_response_baghdadi16
-from seqrsm.scattering.readers import POLARIZATIONS, Row, for_each, shipped_rows, unknown_covers
+from seqrsm.scattering.readers import POLARIZATIONS, for_each, shipped_rows, unknown_covers
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
+from seqrsm.scattering.variability import (
+    ROUGHNESS_NOTE,
+    UNKNOWN,
+    FieldSpread,
+    Variability,
+    alike_at_nadir,
+    shipped_variability,
+)
 from seqrsm.scattering.worlds import BARE_SOIL, World, co_apart, default_mean_sd, over_soil, related_covers
 from seqrsm.units import db_to_linear, linear_to_db
 
@@ -48,38 +55,12 @@ _EXTRAPOLATION_SD_DB: Final = 2.4  # an octave beyond the nodes; assumed: twice 
 _APART: Final = co_apart(THETA_DEG)
 _OCTAVE: Final = 2.0
 _AT_NODE_OCTAVES, _BESIDE_NODE_OCTAVES = 0.01, 0.1
-_ROUGHNESS_DECADES: Final = 0.2
-"""Standard deviation of the logarithm, base 10, of the rms height between fields of one ground (assumed)."""
-_ROUGHNESS_NOTE: Final = (
-    f"heights of fields differ by {_ROUGHNESS_DECADES:g} decades (assumed), which shows with the sine of the incidence "
-    "angle, alike in all bands and on all dates (computed: baghdadi16)"
-)
 _BARE_NOTE: Final = (
     "ground that is bare or under snow departs from the table, and feels moisture, as bare soil does (under snow: "
     "assumed)"
 )
-_UNKNOWN_SD_DB: Final = 2.0
 _LEVEL_DEG = 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
-
-
-@dataclass(frozen=True, slots=True)
-class Variability:
-    """Natural variability of one category at one polarization.
-
-    Attributes
-    ----------
-    field_sd_db : tuple of float
-        Standard deviation from field to field on one date in L band and below, and in C band and above [dB].
-    date_sd_db : float
-        Standard deviation from date to date, common to all fields [dB].
-    note : str
-        Status of both.
-    """
-
-    field_sd_db: tuple[float, float]
-    date_sd_db: float
-    note: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,19 +222,10 @@ class Sigma0Table:
             value, sd, closed, through = self._over_soil(names, found, channel, state, season, day)
         if through:
             own_spread = closed
-        assumed = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
-        spread = {name: self.variability.get((name, channel), assumed) for name in found}
-        factor = {name: self.world.field_factor(name) if self.world else 1.0 for name in found}
+        spread = {name: self.variability.get((name, channel), UNKNOWN) for name in found}
         soil = np.array([found[name].soil for name in names])
-
-        def of_fields(one: str) -> tuple[FloatArray, FloatArray]:
-            bands = {name: self.variability.get((name, one), spread[name]).field_sd_db for name in found}
-            own = [factor[n] * np.interp(share_of_c(frequency), (0.0, 1.0), bands[n]) for n in names]
-            sd = own_spread * own + (1.0 - own_spread) * bare_fields_db(one, self.world)
-            return sd, _roughness_share(one, day is not None) * soil
-
-        field_sd, rough = of_fields(channel)
-        at_nadir = [of_fields(one) for one in _alike_at_nadir(channel)]
+        of_fields = FieldSpread(self.variability, names, frequency, soil, own_spread, day is not None, self.world)
+        field_sd, rough = of_fields.spread_db(channel)
         soil_sd = self.variability[BARE_SOIL, channel].date_sd_db
         return Sigma0Lookup(
             categories=names,
@@ -265,11 +237,11 @@ class Sigma0Table:
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
             roughness_share=rough,
-            nadir_sd_db=np.mean([one * np.sqrt(1.0 - np.square(share)) for one, share in at_nadir], axis=0),
+            nadir_sd_db=of_fields.nadir_db(channel),
             notes=(
                 *(f"{name}: {note}" for name, item in found.items() for note in item.notes),
                 *(f"{name} {channel}: {own.note}" for name, own in spread.items()),
-                *(f"{name}: {_ROUGHNESS_NOTE}" for name, item in found.items() if item.soil),
+                *(f"{name}: {ROUGHNESS_NOTE}" for name, item in found.items() if item.soil),
                 f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} "
                 "(computed: flevoland)",
                 *(self.calendar.notes(names, channel) if through else ()),
@@ -354,11 +326,6 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _alike_at_nadir(channel: str) -> tuple[str, ...]:
-    """Channels that see the same as this one there."""
-    return ("HV",) if channel == "HV" else ("HH", "VV")
-
-
 def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
     """One curve at one state."""
     if curve.wind_m_s.size == 1:
@@ -376,7 +343,7 @@ def _in_world(curve: Curve, channel: str, state: _State, world: World | None) ->
     if np.isnan(at_channel).any():
         text = f"the table has no {channel} of {curve.category} for {state.frequency_ghz:g} GHz"
         raise ScatteringDataError(text, "Add its rows at every frequency of the category", field="polarization")
-    alike = [k for k in map(POLARIZATIONS.index, _alike_at_nadir(channel)) if np.isfinite(values[k]).all()]
+    alike = [k for k in map(POLARIZATIONS.index, alike_at_nadir(channel)) if np.isfinite(values[k]).all()]
     at_nadir = float(np.mean([sds[k] for k in alike]))
     sd = at_nadir + _APART * (sds[c] - at_nadir)
     if world is not None:
@@ -491,34 +458,13 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 
-@lru_cache(maxsize=2 * len(POLARIZATIONS))
-def _roughness_share(channel: str, dated: bool) -> float:
-    """Part of the shipped spread of fields of bare soil, undated or on a day, owed to their roughness, at 40 deg."""
-    _, by_height = soil_response_baghdadi16(math.radians(_LEVEL_DEG))
-    undated = _shipped_table().variability[BARE_SOIL, channel].field_sd_db[0]
-    spread = bare_fields_db(channel, None) if dated else undated
-    return float(_ROUGHNESS_DECADES * by_height[POLARIZATIONS.index(channel)] / spread)
-
-
-def _variability_of(row: Row) -> Variability:
-    """What a row of `data/variability.csv` says."""
-    low, high = row.text("field_sd_db"), row.text("c_band_field_sd_db")
-    note = f"field sd {low} dB ({row.text('field_status')}: {row.text('field_source')})"
-    if high:
-        note += f", from C band on {high} dB ({row.text('c_band_status')}: {row.text('c_band_source')})"
-    note += f", date sd {row.text('date_sd_db')} dB ({row.text('date_status')}: {row.text('date_source')})"
-    return Variability((float(low), float(high or low)), float(row.text("date_sd_db")), note)
-
-
 @lru_cache(maxsize=1)
 def _shipped_table() -> Sigma0Table:
     """The shipped table, read once in a process."""
     correlation = next(r for r in shipped_rows("model_parameters.csv") if r.text("parameter") == "channel_correlation")
-    rows = shipped_rows("variability.csv")
-    variability = {(row.text("category"), row.text("polarization")): _variability_of(row) for row in rows}
     curves = shipped_curves()
     curves |= seasonal_curves(curves)
-    return Sigma0Table(curves, variability, float(correlation.text("value")))
+    return Sigma0Table(curves, shipped_variability(), float(correlation.text("value")))
 
 
 def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:

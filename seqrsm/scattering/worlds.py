@@ -117,13 +117,13 @@ class World:
         return self.number, self.number + _ELSEWHERE * (category in self.elsewhere)
 
 
-def co_apart(theta_deg: FloatArray | float) -> FloatArray:
-    """How far HH and VV are apart at incidence angles [deg], over what they are from 40 deg on: 0 to 1.
+def co_apart(theta_deg: FloatArray | float, full_deg: float = _FULL_APART_DEG) -> FloatArray:
+    """How far HH and VV are apart at incidence angles [deg], over what they are from ``full_deg`` on: 0 to 1.
 
     At nadir nothing of the ground tells one from the other; differences begin with the square of the sine.
     """
-    sine = np.sin(np.deg2rad(np.minimum(theta_deg, _FULL_APART_DEG)))
-    return np.asarray(np.square(sine / math.sin(math.radians(_FULL_APART_DEG))))
+    sine = np.sin(np.deg2rad(np.minimum(theta_deg, full_deg)))
+    return np.asarray(np.square(sine / math.sin(math.radians(full_deg))))
 
 
 def own_weights(channel: str, theta_deg: FloatArray | float) -> FloatArray:

@@ -17,7 +17,8 @@ from seqrsm.errors import ConfigurationError, ScatteringDataError
 from seqrsm.scattering.coherence import FIELD_SD, MOST, Coherence, coherence
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import shipped_rows
-from seqrsm.scattering.sigma0 import Variability, load_sigma0_table
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.variability import Variability
 from seqrsm.scattering.worlds import World
 from seqrsm.score.bare_soil import retrieved_fields
 from seqrsm.sensor.hardware import data_rate_bit_s

@@ -319,10 +319,13 @@ def met_occasion(
         visit, "coherence", lambda own: half_lasting(visit, own, (2, len(category)), radar.frequency_ghz, **key)
     )
     known = np.where(category < len(scene.categories), category, 0)
-    fields = draw_occasion(of_ground, linear, category, ground_state, visit, **key)
-    of_hh, of_hv, _ = fields.class_offset_db[:, known] + fields.field_offset_db
-    seen = by_angle(relation[known], cross[known] * db_to_linear(of_hv - of_hh), theta)[:, 0]
-    of_fields = limited(seen + FIELD_SD * float(co_apart(theta)) * (departure[0] + 1j * departure[1]))
+    apart, cross = float(co_apart(theta)), cross[known]
+    if apart < 1.0:  # else HV says nothing of it
+        fields = draw_occasion(of_ground, linear, category, ground_state, visit, **key)
+        of_hh, of_hv, _ = fields.class_offset_db[:, known] + fields.field_offset_db
+        cross = cross * db_to_linear(of_hv - of_hh)
+    seen = by_angle(relation[known], cross, theta)[:, 0]
+    of_fields = limited(seen + FIELD_SD * apart * (departure[0] + 1j * departure[1]))
     if radar.pair == ("RH", "RV"):
         powers = np.array([db_to_linear(_level_db(look, theta)) for look in linear])
         mean, of_fields = circular(mean, *powers), circular(of_fields, *powers[:, known])
