@@ -130,11 +130,18 @@ class Campaign:
         return None if found is None else replace(found, warnings=self._not_to_be_used(found.settings))
 
     def _not_to_be_used(self, settings: Mapping[str, float | str]) -> tuple[str, ...]:
+        """Remembered, as it takes the engines; none where they cannot simulate now: results do not need it."""
         if self.spec.simulator is None:
             return ()
-        from seqrsm.campaign.simulator_checks import not_to_be_used  # the engines, which measured campaigns do without
 
-        return not_to_be_used(self.spec, settings)
+        def look() -> tuple[str, ...]:
+            from seqrsm.campaign.simulator_checks import not_to_be_used
+
+            return not_to_be_used(self.spec, settings)
+
+        with suppress(UserError, OSError):
+            return remembered(look, ("not to be used", self.spec.spec_hash, dict(settings)))
+        return ()
 
     def record_looks(self, analyses: Sequence[Analysis]) -> None:
         """Record what was found, once: a second look at the same runs is not a look.

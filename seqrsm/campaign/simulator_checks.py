@@ -169,12 +169,12 @@ def _sensor_notes(task: SimulationTask, scene: Scene) -> list[tuple[str, str]]:
 def not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
     """Warnings where a sensor of these settings cannot be built, sees nothing, or needs a large antenna.
 
-    None where it cannot be simulated as things stand: results do not need it.
+    Raises
+    ------
+    UserError, OSError
+        They cannot be simulated as things stand.
     """
-    try:
-        notes = _sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
-    except (UserError, OSError):
-        return ()
+    notes = _sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
     return tuple(
         f"Sensor {member} at these settings: {note}." if member else f"At these settings {note}."
         for member, note in notes

@@ -618,6 +618,11 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     higher = higher.replace("[simulator]", f"{price}[simulator]", 1)
     weighed = higher.replace('"percent_correct"', '"percent_correct"\nideal = 100\nunacceptable = 1', 1)
     (copy / "campaign.toml").write_text(weighed, encoding="utf-8")
+    scene = (copy / "scene.npz").read_bytes()
+    (copy / "scene.npz").write_bytes(b"torn")  # a fit needs no scene; and that it could not be read is not remembered
+    told = json.loads(ok("fit", copy, "--json"))
+    assert not any("cannot be built" in text for text in told["warnings"])
+    (copy / "scene.npz").write_bytes(scene)
     ok("report", copy, "--html", copy / "after.html")
     told = json.loads(ok("fit", copy, "--json"))
     assert any("cannot be built, gain against beam" in text for text in told["warnings"])
