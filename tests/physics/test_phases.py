@@ -529,3 +529,18 @@ def test_at_nadir_a_field_is_related_by_its_own_cross_polarized_power(monkeypatc
     of_ground = drawn[-1]
     occasion.met_occasion(ground, wrong, TABLE, looks, (0.2, 5.0), Visit(), seed=1, run_id=1)
     np.testing.assert_array_equal(drawn[-1], of_ground)
+
+
+def test_parts_of_fields_differ_between_hh_and_vv_by_the_angle_as_fields_do() -> None:
+    """By the square of the sine below 40 degrees, where nothing but texture makes ground depart."""
+    still = {(name, channel): Variability((0.0, 0.0), 0.0, "") for name in COVERS for channel in ("HH", "VV")}
+    ground, even, differs = patches(), replace(TABLE, variability=TABLE.variability | still), []
+    for angle in (10.0, 40.0, 60.0):
+        steep = {"depression_angle_deg": 90.0 - angle, "resolution_m": 100.0, "altitude_m": 60_000.0, "earth": "flat"}
+        sensor = radar(channels=("HH", "VV"), texture_db=1.0, **steep)
+        looks = look_up(ground, sensor, even, (0.2, 5.0))
+        met = occasion.met_occasion(ground, sensor, even, looks, (0.2, 5.0), Visit(), seed=1, run_id=1)
+        differs.append(float(np.std(met.field_offset_db[0] - met.field_offset_db[1])))
+    share = (np.sin(np.deg2rad(10.0)) / np.sin(np.deg2rad(40.0))) ** 2
+    assert differs[0] == pytest.approx(share * differs[1], rel=0.15)
+    assert differs[2] == pytest.approx(differs[1], rel=0.15)

@@ -546,18 +546,38 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
         assert np.mean(together[:-1]) == pytest.approx(wanted.mean(), abs=0.05)
 
 
-def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch):
+@pytest.mark.parametrize(("channel", "shared", "own"), [("VV", 0.8, 0.6), ("HV", 1.1, 1.0)])
+def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch, channel, shared, own):
     """The soil's part has the moisture of the date in its place; L band sees more soil than is bare."""
     monkeypatch.setattr(occasion, "_YEAR_DB", 0.0)
     monkeypatch.setattr(occasion, "year_shift_days", lambda n, **key: np.zeros(n))
-    looked, given = at(165.0, frequency=1.25), ((0.2, 5.0), Visit((165.0,)))
+    looked, given = at(165.0, channel, frequency=1.25), ((0.2, 5.0), Visit((165.0,)))
+    sensor = radar(1.25, channel)
     found = [
-        draw_occasion(radar(1.25), [looked], np.zeros(1, dtype=np.uint8), *given, seed=3, run_id=run).class_offset_db[0]
+        draw_occasion(sensor, [looked], np.zeros(1, dtype=np.uint8), *given, seed=3, run_id=run).class_offset_db[0]
         for run in range(1000)
     ]
     soil = on_day(looked.course.soil_share, 165.0)
-    assert (soil > 1.0 - looked.closed + 0.1).any()
-    np.testing.assert_allclose(np.std(found, axis=0), np.hypot(0.8 * (1.0 - soil), 0.6), rtol=0.08)
+    assert channel == "HV" or (soil > 1.0 - looked.closed + 0.1).any()
+    np.testing.assert_allclose(np.std(found, axis=0), np.hypot(shared * (1.0 - soil), own), rtol=0.08)
+
+
+@pytest.mark.parametrize(
+    ("channel", "weather_db", "share", "memory"), [("VV", 0.4, 0.78, 86.0), ("HV", 0.55, 0.77, 49.0)]
+)
+def test_fields_have_weather_of_their_own(channel, weather_db, share, memory):
+    """Grass, whose fields are neither early nor late: of what does not last it takes its part, and is gone in days."""
+    days, fields = (150.0, 152.0, 159.0), np.full(40_000, CROPS.index("Grass"), dtype=np.uint8)
+    met = [
+        draw_occasion(radar(5.4, channel), [at(day, channel)], fields, (0.2, 5.0), Visit(days, t), seed=7, run_id=1)
+        for t, day in enumerate(days)
+    ]
+    found = np.array([one.field_offset_db[0] for one in met])
+    fast = weather_db**2 / found[0].var()
+    for t in (1, 2):
+        left, quick = np.exp(-(days[t] - days[0]) / np.array([memory, 4.5]))
+        wanted = share + (1.0 - share - fast) * left + fast * quick
+        assert np.corrcoef(found[0], found[t])[0, 1] == pytest.approx(wanted, abs=0.005)
 
 
 def test_wind_goes_with_the_weather_and_is_uniform_on_each_date():
