@@ -45,24 +45,16 @@ _MOST_RUNS = 100  # drawn of a mean of future runs
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """What the scores say of a surface that is no quadratic.
-
-    Attributes
-    ----------
-    process : Process or None
-        None where it was not weighed, for ``reason``.
-    log_bayes_factor : float
-        Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed.
-    probability : float
-        Of the process given the scores; 0 where it is below 0.01, or was not weighed.
-    reason : str
-        Why it was not weighed.
-    """
+    """What the scores say of a surface that is no quadratic."""
 
     process: Process | None
+    """None where it was not weighed, for ``reason``."""
     log_bayes_factor: float
+    """Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed."""
     probability: float
+    """Of the process given the scores; 0 where it is below 0.01, or was not weighed."""
     reason: str = ""
+    """Why it was not weighed."""
 
     @property
     def believed(self) -> Process | None:
@@ -112,35 +104,25 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A fitted surface with what it was fitted to, and what is believed of it: both surfaces by their probabilities.
-
-    Attributes
-    ----------
-    application : ApplicationSpec
-    region, model : Region, QuadraticModel
-        The campaign's region, and the terms that are fitted over it.
-    data : ScoredRuns
-    scale : ResponseScale
-    fit : LeastSquaresFit
-        With blocks and sources as constants: what tests and diagnostics are made of.
-    surface : Surface
-        What the optimum is sought on: that of ``fit``, of the flight where there are two sources, or of the average
-        block where blocks are random.
-    departure : Departure
-        What the scores say of a surface that is no quadratic.
-    ground : Ground or None
-        What part of the scatter is one ground against another, where it was measured.
-    """
+    """A fitted surface with what it was fitted to, and what is believed of it: both surfaces by their probabilities."""
 
     application: ApplicationSpec
+
     region: Region
     model: QuadraticModel
+    """The campaign's region, and the terms that are fitted over it."""
     data: ScoredRuns
     scale: ResponseScale
+
     fit: LeastSquaresFit
+    """With blocks and sources as constants: what tests and diagnostics are made of."""
     surface: Surface
+    """What the optimum is sought on: that of ``fit``, of the flight where there are two sources, or of the average
+    block where blocks are random."""
     departure: Departure
+    """What the scores say of a surface that is no quadratic."""
     ground: Ground | None = None
+    """What part of the scatter is one ground against another, where it was measured."""
 
     @property
     def goal(self) -> Goal:

@@ -25,44 +25,29 @@ from seqrsm.fit.conjugate import where_reached
 
 @dataclass(frozen=True, slots=True)
 class Sufficing:
-    """From when on a sensor suffices.
-
-    Attributes
-    ----------
-    score : float
-        Score, or difference to the optimum.
-    relative : bool
-        Whether it is a difference.
-    sign : float
-        1 where large scores are good, -1 where small ones are.
-    """
+    """From when on a sensor suffices."""
 
     score: float
+    """Score, or difference to the optimum."""
     relative: bool
+    """Whether it is a difference."""
     sign: float
+    """1 where large scores are good, -1 where small ones are."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A sensor against the optimum, score units.
-
-    Attributes
-    ----------
-    score, difference : float
-        Expected score, and by how much it exceeds that of the optimum; by a surface not better, as its best is told.
-    confidence : Interval
-        Of the expected difference over all grounds.
-    one_ground : Interval
-        Of the difference over one ground at any place of the swath, on so many occasions as the stop rule's interval.
-    probability : float
-        That it suffices there.
-    """
+    """A sensor against the optimum, score units."""
 
     score: float
     difference: float
+    """Expected score, and by how much it exceeds that of the optimum; by a surface not better, as its best is told."""
     confidence: Interval
+    """Of the expected difference over all grounds."""
     one_ground: Interval
+    """Of the difference over one ground at any place of the swath, on so many occasions as the stop rule's interval."""
     probability: float
+    """That it suffices there."""
 
 
 def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: float, runs: float) -> Comparison:

@@ -46,80 +46,56 @@ _UNACCEPTABLE = -1e9  # in place of log 0: ranks what is unacceptable to some, t
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """One thing that matters.
-
-    Attributes
-    ----------
-    name : str
-    goal : "maximize" or "minimize"
-    weight : float
-        Share in the compromise, > 0.
-    mean : callable
-        Estimated values at coded points.
-    draws : callable or None
-        Values (m, n) under m posterior draws at coded points (n, k); None where nothing is uncertain, as with a cost.
-    unacceptable, ideal : float or None
-        Values of desirability 0 and 1; by default the worst and the best of ``mean`` over the region.
-    unit : str
-    application : bool
-        False for a consideration.
-    limits : tuple of float
-        Least and largest value that there can be.
-    optimum : ndarray (k,) or None
-        Coded settings of its own optimum, as told elsewhere; by default found here.
-    """
+    """One thing that matters."""
 
     name: str
     goal: Goal
+
     weight: float
+    """Share in the compromise, > 0."""
     mean: Surface
+    """Estimated values at coded points."""
     draws: Surface | None = None
+    """Values (m, n) under m posterior draws at coded points (n, k); None where nothing is uncertain, as with a cost."""
     unacceptable: float | None = None
     ideal: float | None = None
+    """Values of desirability 0 and 1; by default the worst and the best of ``mean`` over the region."""
     unit: str = ""
+
     application: bool = True
+    """False for a consideration."""
     limits: tuple[float, float] = (-math.inf, math.inf)
+    """Least and largest value that there can be."""
     optimum: FloatArray | None = None
+    """(k,): coded settings of its own optimum, as told elsewhere; by default found here."""
 
 
 @dataclass(frozen=True, slots=True)
 class GivenUp:
-    """What one application or consideration gives up at the compromise, in its own units.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-        Estimated value at the compromise.
-    own_best : float
-        Estimated value at its own optimum.
-    given_up : float
-        ``own_best`` against ``value``, >= 0 when the compromise is worse.
-    low, high : float
-        Ends of the credible interval of that, over draws each with its own optimum; nan without draws, as of a
-        consideration, whose values are exact.
-    desirability : float
-        At the compromise, in [0, 1].
-    unit : str
-    application : bool
-        False for a consideration.
-    own_settings : dict
-        Its own optimum, natural units.
-    text : str
-        One sentence.
-    """
+    """What one application or consideration gives up at the compromise, in its own units."""
 
     name: str
+
     value: float
+    """Estimated value at the compromise."""
     own_best: float
+    """Estimated value at its own optimum."""
     given_up: float
+    """``own_best`` against ``value``, >= 0 when the compromise is worse."""
     low: float
     high: float
+    """Ends of the credible interval of that, over draws each with its own optimum; nan without draws, as of a
+    consideration, whose values are exact."""
     desirability: float
+    """At the compromise, in [0, 1]."""
     unit: str
+
     application: bool
+    """False for a consideration."""
     own_settings: dict[str, float | str]
+    """Its own optimum, natural units."""
     text: str
+    """One sentence."""
 
     @property
     def interval(self) -> Interval:
@@ -129,45 +105,31 @@ class GivenUp:
 
 @dataclass(frozen=True, slots=True)
 class CompromiseEstimate:
-    """The compromise over several objectives.
-
-    Attributes
-    ----------
-    point : ndarray (k,)
-        Coded settings.
-    settings : dict
-        The same in natural units, by factor name.
-    desirability : float
-        Weighted geometric mean there, in [0, 1].
-    expected_shortfall : float
-        Mean desirability lost by acting on ``point`` and not on the compromise of the true surfaces; nan without draws.
-    level : float
-        Of the credible intervals.
-    credible : dict
-        Credible interval of each numeric factor's setting, natural units; empty without draws.
-    given_up : tuple of GivenUp
-        One for each objective, applications first.
-    front_settings : tuple of dict
-        Settings that no other setting beats in every objective, from a cover of the region.
-    front_values : ndarray (f, objectives)
-        Estimated values there.
-    levels : dict
-        Probability of each level of each categorical factor; empty without draws.
-    warnings : tuple of str
-        What the summary must say of these settings, as of an analysis.
-    """
+    """The compromise over several objectives."""
 
     point: FloatArray
+    """(k,): coded settings."""
     settings: dict[str, float | str]
+    """The same in natural units, by factor name."""
     desirability: float
+    """Weighted geometric mean there, in [0, 1]."""
     expected_shortfall: float
+    """Mean desirability lost by acting on ``point`` and not on the compromise of the true surfaces; nan without
+    draws."""
     level: float
+    """Of the credible intervals."""
     credible: dict[str, Interval]
+    """Credible interval of each numeric factor's setting, natural units; empty without draws."""
     given_up: tuple[GivenUp, ...]
+    """One for each objective, applications first."""
     front_settings: tuple[dict[str, float | str], ...]
+    """Settings that no other setting beats in every objective, from a cover of the region."""
     front_values: FloatArray
+    """(f, objectives): estimated values there."""
     levels: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Probability of each level of each categorical factor; empty without draws."""
     warnings: tuple[str, ...] = ()
+    """What the summary must say of these settings, as of an analysis."""
 
     def to_json(self) -> dict[str, Any]:
         """The compromise as a JSON document."""

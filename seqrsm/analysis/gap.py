@@ -17,18 +17,12 @@ _RADII = (0.3 * 0.7 ** np.arange(14)).tolist()  # coded, of the steps from the b
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A box of numeric factors without a run in it, at any level of the categorical ones.
-
-    Attributes
-    ----------
-    share : float
-        Of each continuous factor's range on the coded scale, 0 to 1.
-    ranges : dict
-        Ends of the box, natural units, by the name of the numeric factor; of a discrete one, its levels within.
-    """
+    """A box of numeric factors without a run in it, at any level of the categorical ones."""
 
     share: float
+    """Of each continuous factor's range on the coded scale, 0 to 1."""
     ranges: dict[str, tuple[float, float]]
+    """Ends of the box, natural units, by the name of the numeric factor; of a discrete one, its levels within."""
 
 
 def largest_gap(region: Region, points: FloatArray) -> Gap | None:

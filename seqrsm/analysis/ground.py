@@ -47,25 +47,18 @@ _FUTURE_PARTS = 30
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Two parts of the scatter of one simulated run, score units.
-
-    Attributes
-    ----------
-    sd_ground, sd_chance : float
-        Standard deviation from world to world, and from occasion to occasion in one world: estimates without bias of
-        the variance, 0 where it would be negative.
-    share : float
-        Share of a run's variance that is the ground's, 0 to 0.98: the mean of what the scores leave possible, since
-        few worlds tell it to a tenth or two and too small a share makes intervals too short.
-    n_worlds, n_simulations : int
-        Of the bundle that they were measured by.
-    """
+    """Two parts of the scatter of one simulated run, score units."""
 
     sd_ground: float
     sd_chance: float
+    """Standard deviation from world to world, and from occasion to occasion in one world: estimates without bias of the
+    variance, 0 where it would be negative."""
     n_worlds: int
     n_simulations: int
+    """Of the bundle that they were measured by."""
     share: float
+    """Share of a run's variance that is the ground's, 0 to 0.98: the mean of what the scores leave possible, since few
+    worlds tell it to a tenth or two and too small a share makes intervals too short."""
 
     @property
     def variance(self) -> float:

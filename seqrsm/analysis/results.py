@@ -40,29 +40,20 @@ class BlockResponse:
 
 @dataclass(frozen=True, slots=True)
 class BlockStudy:
-    """How blocks (flight days) differ.
-
-    Attributes
-    ----------
-    effect : str
-        "fixed" or "random", of the fit.
-    new : BlockResponse or str
-        In a block not yet run: the average block for the mean, one more draw of the block effect for the run.
-    sigma, sigma_block : float
-        Standard deviations of a run and of the blocks by restricted maximum likelihood, on the scale of the fit; nan
-        where they cannot be had.
-    ratio : tuple of float
-        Credible interval of sigma_block / sigma.
-    note : str
-        Why intervals rest on the prior of how blocks differ; empty when there are blocks enough.
-    """
+    """How blocks (flight days) differ."""
 
     effect: str
+    """Either "fixed" or "random", of the fit."""
     new: BlockResponse | str
+    """In a block not yet run: the average block for the mean, one more draw of the block effect for the run."""
     sigma: float
     sigma_block: float
+    """Standard deviations of a run and of the blocks by restricted maximum likelihood, on the scale of the fit; nan
+    where they cannot be had."""
     ratio: tuple[float, float]
+    """Credible interval of sigma_block / sigma."""
     note: str
+    """Why intervals rest on the prior of how blocks differ; empty when there are blocks enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,63 +74,43 @@ class FactorImportance:
 
 @dataclass(frozen=True, slots=True)
 class OptimumEstimate:
-    """The estimated optimum and the three intervals there, in score units.
-
-    Attributes
-    ----------
-    settings : dict
-        Natural units, by factor name.
-    point : ndarray (k,)
-        Coded.
-    at_bound : dict
-        Numeric factors whose optimum lies at an end of their range, and which: "low" or "high".
-    active_constraints : tuple of str
-        Expressions of the constraints that hold with equality there.
-    mean : float
-        Estimated mean utility there.
-    optimism : float
-        What was taken off the surface there to give ``mean``, since the same scores chose the settings; score units.
-        All intervals reach further by as much, at their lower end (upper where minimized).
-    confidence : Interval
-        Of the mean utility at these settings.
-    prediction : Interval
-        Of one future run (eq. (2-23) with the factor S).
-    prediction_mean : Interval
-        Of the mean of ``replicates`` future runs, over one ground.
-    replicates : int
-        m of ``prediction_mean``.
-    level : float
-        Two-sided probability of all.
-    whole, by_chance : Interval
-        The interval that the stop rule watches: with what is not known of the ground, and the part of it that is the
-        chance of future occasions and of the runs made.
-    ground : Ground or None
-        What the two parts rest on; None where they were not measured, or flights were over the real ground.
-    ties : tuple of dict
-        Other settings that are as good, natural units.
-    ridge : bool
-        Those between two tied ones are as good as well: the optimum is no point.
-    exact : bool
-        Found by enumeration, hence certain; else the best of many climbs.
-    """
+    """The estimated optimum and the three intervals there, in score units."""
 
     settings: dict[str, float | str]
+    """Natural units, by factor name."""
     point: FloatArray
+    """(k,): coded."""
     at_bound: dict[str, str]
+    """Numeric factors whose optimum lies at an end of their range, and which: "low" or "high"."""
     active_constraints: tuple[str, ...]
+    """Expressions of the constraints that hold with equality there."""
     mean: float
+    """Estimated mean utility there."""
     confidence: Interval
+    """Of the mean utility at these settings."""
     prediction: Interval
+    """Of one future run (eq. (2-23) with the factor S)."""
     prediction_mean: Interval
+    """Of the mean of ``replicates`` future runs, over one ground."""
     replicates: int
+    """m of ``prediction_mean``."""
     level: float
+    """Two-sided probability of all."""
     whole: Interval
     by_chance: Interval
+    """The interval that the stop rule watches: with what is not known of the ground, and the part of it that is the
+    chance of future occasions and of the runs made."""
     ground: Ground | None = None
+    """What the two parts rest on; None where they were not measured, or flights were over the real ground."""
     ties: tuple[dict[str, float | str], ...] = ()
+    """Other settings that are as good, natural units."""
     ridge: bool = False
+    """Those between two tied ones are as good as well: the optimum is no point."""
     exact: bool = True
+    """Found by enumeration, hence certain; else the best of many climbs."""
     optimism: float = 0.0
+    """What was taken off the surface there to give ``mean``, since the same scores chose the settings; score units. All
+    intervals reach further by as much, at their lower end (upper where minimized)."""
 
     @property
     def of_ground(self) -> float:
@@ -154,37 +125,27 @@ class OptimumEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One value or level of a factor against another, everything else as recommended.
-
-    Attributes
-    ----------
-    factor : str
-    level, over : float or str
-        The value and the next smaller one; or a level of a categorical factor and the recommended level.
-    mean : float
-        Score expected at ``level``: the recommended one's is less for having been chosen, and the others' by as much as
-        leaves none above it.
-    gain : float
-        By which it exceeds that at ``over``; negative where scores fall.
-    interval : Interval
-        Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add.
-    better : float
-        Probability that the score at ``level`` is the better one, expected over all grounds; by the draws as they are,
-        since choosing the best by the same scores moves means and not, or hardly, these probabilities.
-    better_here, loss_here : float
-        Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the
-        score that ``over`` is then expected to lose; nan where simulations did not compare the two.
-    """
+    """One value or level of a factor against another, everything else as recommended."""
 
     factor: str
+
     level: float | str
     over: float | str
+    """The value and the next smaller one; or a level of a categorical factor and the recommended level."""
     mean: float
+    """Score expected at ``level``: the recommended one's is less for having been chosen, and the others' by as much as
+    leaves none above it."""
     gain: float
+    """By which it exceeds that at ``over``; negative where scores fall."""
     interval: Interval
+    """Of the gain, at the level of ``[stop]``; further towards the other level by what choosing one may add."""
     better: float
+    """Probability that the score at ``level`` is the better one, expected over all grounds; by the draws as they are,
+    since choosing the best by the same scores moves means and not, or hardly, these probabilities."""
     better_here: float = float("nan")
     loss_here: float = float("nan")
+    """Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the score
+    that ``over`` is then expected to lose; nan where simulations did not compare the two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,52 +179,35 @@ class EffectBound:
 
 @dataclass(frozen=True, slots=True)
 class PosteriorSummary:
-    """Posterior of the coefficients and of the optimum.
-
-    Attributes
-    ----------
-    sampler : dict
-        "exact", "gibbs", "importance" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for
-        emcee.
-    term_draws : ndarray (m, p)
-        Draws of the coded coefficients, on the scale of the fit.
-    optimum_points : ndarray (m, k)
-        Optimum of each draw, coded.
-    optimum_values : ndarray (m,)
-        Mean utility at that optimum, score units.
-    settings : tuple of SettingPosterior
-        One for each factor.
-    mean : float
-        Posterior mean of the utility at the optimum.
-    credible : Interval
-        Of the utility at the optimum.
-    predictive : Interval
-        Of one future score at the recommended settings.
-    expected_regret : float
-        Mean utility lost by acting on the recommended settings, score units.
-    p_regret_above : float
-        Probability that the recommendation loses more than ``regret_epsilon``.
-    regret_epsilon : float
-        The target of the stop rule for the loss, else a quarter of that for the half-width, score units.
-    effects : tuple of EffectBound
-        Bounds of the prior that all draws hold.
-    effects_probability : float
-        Probability of these bounds from the scores and the rest of the prior; nan where it was not computed.
-    """
+    """Posterior of the coefficients and of the optimum."""
 
     sampler: dict[str, float | str | int]
+    """One of "exact", "gibbs", "importance" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat,
+    steps for emcee."""
     term_draws: FloatArray
+    """(m, p): draws of the coded coefficients, on the scale of the fit."""
     optimum_points: FloatArray
+    """(m, k): optimum of each draw, coded."""
     optimum_values: FloatArray
+    """(m,): mean utility at that optimum, score units."""
     settings: tuple[SettingPosterior, ...]
+    """One for each factor."""
     mean: float
+    """Posterior mean of the utility at the optimum."""
     credible: Interval
+    """Of the utility at the optimum."""
     predictive: Interval
+    """Of one future score at the recommended settings."""
     expected_regret: float
+    """Mean utility lost by acting on the recommended settings, score units."""
     p_regret_above: float
+    """Probability that the recommendation loses more than ``regret_epsilon``."""
     regret_epsilon: float
+    """The target of the stop rule for the loss, else a quarter of that for the half-width, score units."""
     effects: tuple[EffectBound, ...] = ()
+    """Bounds of the prior that all draws hold."""
     effects_probability: float = float("nan")
+    """Probability of these bounds from the scores and the rest of the prior; nan where it was not computed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,38 +23,28 @@ LISTED_RUNS = 8
 
 @dataclass(frozen=True, slots=True)
 class ScoredRuns:
-    """The runs that enter the fit, as arrays of length n.
-
-    Attributes
-    ----------
-    run_ids : int array
-    points : ndarray (n, k)
-        Executed settings, coded.
-    scores, score_se : ndarray (n,)
-        Utility and its own standard error (nan where none was given), in score units.
-    sources, blocks : tuple of str
-        "simulation" or "flight"; block label ("" where none).
-    batches : int array
-    purposes : tuple of str
-        As of `NewRun`.
-    trials, correct : ndarray (n,), optional
-        Binomial counts; nan where none were given.
-    guess, perfect : float
-        What a guess that looks at nothing scores, and perfect data, on average over the runs; nan where not known.
-    """
+    """The runs that enter the fit, as arrays of length n."""
 
     run_ids: IntArray
+
     points: FloatArray
+    """(n, k): executed settings, coded."""
     scores: FloatArray
     score_se: FloatArray
+    """(n,): utility and its own standard error (nan where none was given), in score units."""
     sources: tuple[str, ...]
     blocks: tuple[str, ...]
+    """Either "simulation" or "flight"; block label ("" where none)."""
     batches: IntArray
+
     purposes: tuple[str, ...]
+    """As of `NewRun`."""
     trials: FloatArray | None = None
     correct: FloatArray | None = None
+    """(n,): binomial counts; nan where none were given."""
     guess: float = np.nan
     perfect: float = np.nan
+    """What a guess that looks at nothing scores, and perfect data, on average over the runs; nan where not known."""
 
     @property
     def all_equal(self) -> bool:

@@ -15,18 +15,13 @@ from seqrsm.fit.weights import expected_shares, share_variance, unbiased_logits
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A two-sided interval in score units.
-
-    Attributes
-    ----------
-    low, high : float
-    cut_from : float
-        Half-width before bounds of the score cut it; nan where none did.
-    """
+    """A two-sided interval in score units."""
 
     low: float
     high: float
+
     cut_from: float = float("nan")
+    """Half-width before bounds of the score cut it; nan where none did."""
 
     @property
     def half_width(self) -> float:
@@ -53,26 +48,19 @@ class ResponseScale:
     """Identity, or the logit of percent scores; these scatter as shares do, or by counts, or as is stated.
 
     Logits of scores are lowered by the excess of their mean, see `seqrsm.fit.weights.unbiased_logits`.
-
-    Attributes
-    ----------
-    kind : "identity" or "logit"
-    values, weights : ndarray (n,)
-        The scores on the scale of the fit, and their relative weights.
-    variance_unit : float
-        Variance that weight 1 stands for: of a logit for a scatter of 1 percent at 50, of a count's binomial; else 1.
-    trials : float
-        Decisions behind a future score, where scores are counts; nan where they are not.
-    se : float
-        Standard error of a future score, where runs count by theirs; nan where they do not.
     """
 
     kind: Literal["identity", "logit"]
+
     values: FloatArray
     weights: FloatArray
+    """(n,): the scores on the scale of the fit, and their relative weights."""
     variance_unit: float
+    """Variance that weight 1 stands for: of a logit for a scatter of 1 percent at 50, of a count's binomial; else 1."""
     trials: float = float("nan")
+    """Decisions behind a future score, where scores are counts; nan where they are not."""
     se: float = float("nan")
+    """Standard error of a future score, where runs count by theirs; nan where they do not."""
 
     @classmethod
     def of(

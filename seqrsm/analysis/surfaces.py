@@ -47,24 +47,16 @@ _BEYOND: Final = math.log(20.0)
 
 @dataclass(frozen=True, slots=True)
 class SourceComparison:
-    """Simulation against flight, in score units.
-
-    Attributes
-    ----------
-    both : SourceFit
-        How many runs of each there are, their scatter, and what the prior says of the difference.
-    difference : float
-        Flight less simulation at the recommended settings.
-    interval : Interval
-        Credible interval of the difference.
-    text : str
-        One sentence.
-    """
+    """Simulation against flight, in score units."""
 
     both: SourceFit
+    """How many runs of each there are, their scatter, and what the prior says of the difference."""
     difference: float
+    """Flight less simulation at the recommended settings."""
     interval: Interval
+    """Credible interval of the difference."""
     text: str
+    """One sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,42 +66,29 @@ class Surface:
     As it stands here that of least squares: one source, blocks as constants; other structures inherit, and say what is
     otherwise with them. ``rows`` are what its mean is linear in, (m, c): `rows` makes them of coded points, and
     ``draws(...).terms`` are coefficients of the same columns.
-
-    Attributes
-    ----------
-    errors : ErrorModel
-        How scores scatter about it.
-    model : QuadraticModel
-    data : ScoredRuns
-    scale : ResponseScale
-    fit : LeastSquaresFit
-        With blocks and sources as constants, behind the terms of the model.
-    estimate : ndarray (c,)
-        Coefficients of the mean whose optimum is sought.
-    s : float
-        Standard deviation of a future run of weight 1; in a new block where blocks are random.
-    df_residual : int
-        Degrees of freedom of ``s``.
-    n_terms : int
-        Terms that have used up runs.
-    note : str
-        What has to be said of it beside the figures; empty where nothing has.
-    fixed_blocks : bool
-        Blocks, where there are some, differ by constants.
     """
 
     errors: ErrorModel
+    """How scores scatter about it."""
     model: QuadraticModel
     data: ScoredRuns
     scale: ResponseScale
+
     fit: LeastSquaresFit
+    """With blocks and sources as constants, behind the terms of the model."""
     estimate: FloatArray
+    """(c,): coefficients of the mean whose optimum is sought."""
     s: float
+    """Standard deviation of a future run of weight 1; in a new block where blocks are random."""
     df_residual: int
+    """Degrees of freedom of ``s``."""
     n_terms: int
+    """Terms that have used up runs."""
     note: str
+    """What has to be said of it beside the figures; empty where nothing has."""
 
     fixed_blocks: ClassVar[bool] = True
+    """Blocks, where there are some, differ by constants."""
 
     def rows(self, points: FloatArray) -> FloatArray:
         """Rows (m, c) of coded points (m, k)."""
@@ -182,15 +161,10 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class RandomBlocks(Surface):
-    """Blocks as a random effect: the surface of the average block, and future runs in a new one.
-
-    Attributes
-    ----------
-    posterior : RandomBlockPosterior
-        All runs of a future mean are made in one block.
-    """
+    """Blocks as a random effect: the surface of the average block, and future runs in a new one."""
 
     posterior: RandomBlockPosterior
+    """All runs of a future mean are made in one block."""
 
     fixed_blocks: ClassVar[bool] = False
 

@@ -13,41 +13,28 @@ from seqrsm.fit.intervals import t_quantile
 
 @dataclass(frozen=True, slots=True)
 class ConfirmationInterval:
-    """Interval of the mean of fresh runs at settings fixed before they were made.
-
-    Attributes
-    ----------
-    mean, low, high : float
-        Score units.
-    n : int
-        Number of fresh runs.
-    level : float
-        Two-sided probability.
-    """
+    """Interval of the mean of fresh runs at settings fixed before they were made."""
 
     mean: float
     low: float
     high: float
+    """Score units."""
     n: int
+    """Number of fresh runs."""
     level: float
+    """Two-sided probability."""
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Whether a confirmation mean lies in the model's prediction interval for the mean of m runs.
-
-    Attributes
-    ----------
-    agrees : bool
-    p : float
-        Two-sided, of Student's t.
-    text : str
-        One sentence with the numbers.
-    """
+    """Whether a confirmation mean lies in the model's prediction interval for the mean of m runs."""
 
     agrees: bool
+
     p: float
+    """Two-sided, of Student's t."""
     text: str
+    """One sentence with the numbers."""
 
 
 def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> ConfirmationInterval:

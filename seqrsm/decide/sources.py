@@ -94,48 +94,34 @@ class GivenRatio:
 
 @dataclass(frozen=True, slots=True)
 class SourceFit:
-    """The flight's surface from both sources.
-
-    Attributes
-    ----------
-    estimate : ndarray (p,)
-        Coefficients of the flight's surface.
-    simulation : ndarray (p,)
-        Those of the simulation's.
-    s : float
-        Standard deviation of one flight, score units, at the likeliest ratio of the variances.
-    s_simulation : float
-        That of one simulated run.
-    df_residual : float
-        Degrees of freedom of ``s``: those of the flights' own residuals, with the guess.
-    n_flights, n_simulations : int
-    prior_sd : float
-        Prior standard deviation of the discrepancy's intercept, its mean over the region, score units.
-    prior_share : float
-        Share of the discrepancy's prior variance, over all its terms, that is left: 1 before the first flight, near 0
-        after many.
-    posterior : ConjugatePosterior
-        Of all coefficients, [z, discrepancy] and then blocks.
-    model : QuadraticModel
-    runs : StackedRuns
-        What was fitted.
-    by_ratio : tuple of GivenRatio
-        What intervals and draws are mixed from.
-    """
+    """The flight's surface from both sources."""
 
     estimate: FloatArray
+    """(p,): coefficients of the flight's surface."""
     simulation: FloatArray
+    """(p,): those of the simulation's."""
     s: float
+    """Standard deviation of one flight, score units, at the likeliest ratio of the variances."""
     s_simulation: float
+    """That of one simulated run."""
     df_residual: float
+    """Degrees of freedom of ``s``: those of the flights' own residuals, with the guess."""
     n_flights: int
     n_simulations: int
+
     prior_sd: float
+    """Prior standard deviation of the discrepancy's intercept, its mean over the region, score units."""
     prior_share: float
+    """Share of the discrepancy's prior variance, over all its terms, that is left: 1 before the first flight, near 0
+    after many."""
     posterior: ConjugatePosterior
+    """Of all coefficients, [z, discrepancy] and then blocks."""
     model: QuadraticModel
+
     runs: StackedRuns
+    """What was fitted."""
     by_ratio: tuple[GivenRatio, ...]
+    """What intervals and draws are mixed from."""
 
     @property
     def flight_weight(self) -> float:

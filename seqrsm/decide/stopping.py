@@ -51,44 +51,30 @@ def interval_names(replicates: int, one_ground: bool = False) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class StopRule:
-    """When a campaign may stop.
-
-    Parameters
-    ----------
-    interval : "prediction", "prediction_mean" or "confidence"
-        The interval at the optimum that must be narrow.
-    half_width : float
-        Its target half-width, score units, > 0.
-    loss : float
-        What the settings may be expected to lose against the best ones, score units, > 0.
-    level : float
-        Two-sided probability of the interval, in (0, 1).
-    max_runs : int
-        The budget.
-    replicates : int
-        m of "prediction_mean" and of the confirmation set, >= 2.
-    guard : "runs" or "confirmation"
-        What guards against stopping on a lucky s: enough runs, see `min_runs`, or a set of fresh runs that agrees with
-        the model.
-    ground_share : float
-        Share of a run's variance that is not chance but one ground against another, 0 to below 1: future runs have it
-        in common, and no mean of them is without it.
-    counts_ground : bool
-        Whether the target is for the whole interval, or for its part by chance.
-    acting_terms : int
-        Terms of the model in the factors that matter, where the surface is more likely none than a quadratic; else 0.
-    """
+    """When a campaign may stop."""
 
     interval: IntervalKind = "prediction"
+    """The interval at the optimum that must be narrow."""
     half_width: float = 1.0
+    """Its target half-width, score units, > 0."""
     loss: float = float("inf")
+    """What the settings may be expected to lose against the best ones, score units, > 0."""
     level: float = 0.95
+    """Two-sided probability of the interval, in (0, 1)."""
     max_runs: int = 80
+    """The budget."""
     replicates: int = 5
+    """m of "prediction_mean" and of the confirmation set, >= 2."""
     guard: Guard = "runs"
+    """What guards against stopping on a lucky s: enough runs, see `min_runs`, or a set of fresh runs that agrees with
+    the model."""
     ground_share: float = 0.0
+    """Share of a run's variance that is not chance but one ground against another, 0 to below 1: future runs have it in
+    common, and no mean of them is without it."""
     counts_ground: bool = True
+    """Whether the target is for the whole interval, or for its part by chance."""
     acting_terms: int = 0
+    """Terms of the model in the factors that matter, where the surface is more likely none than a quadratic; else 0."""
 
     @property
     def interval_name(self) -> str:
@@ -140,24 +126,16 @@ MODEL_ALPHA = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What the interval of a rule can still become.
-
-    Attributes
-    ----------
-    noise_floor : float
-        Half-width that no number of runs can go below, score units.
-    attainable_half_width : float
-        Half-width expected when the budget is spent, score units.
-    attainable_mean_half_width : float
-        The same for the mean of ``replicates`` runs, score units.
-    runs_needed : int or None
-        Estimated total number of runs until the rule holds; None: out of reach.
-    """
+    """What the interval of a rule can still become."""
 
     noise_floor: float
+    """Half-width that no number of runs can go below, score units."""
     attainable_half_width: float
+    """Half-width expected when the budget is spent, score units."""
     attainable_mean_half_width: float
+    """The same for the mean of ``replicates`` runs, score units."""
     runs_needed: int | None
+    """Estimated total number of runs until the rule holds; None: out of reach."""
 
 
 def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
@@ -238,115 +216,77 @@ def telling(value: float, target: float, digits: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One part of the rule.
-
-    Attributes
-    ----------
-    name : str
-        "interval", "loss", "runs", "guess", "pure_error", "lack_of_fit" or "confirmation".
-    holds : bool or None
-        None: it cannot be tested yet, which counts as not holding.
-    text : str
-        One sentence with the numbers.
-    """
+    """One part of the rule."""
 
     name: str
+    """One of "interval", "loss", "runs", "guess", "pure_error", "lack_of_fit" or "confirmation"."""
     holds: bool | None
+    """None: it cannot be tested yet, which counts as not holding."""
     text: str
+    """One sentence with the numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision(Forecast):
-    """Stop or go on, and why; with what more runs would give.
-
-    Attributes
-    ----------
-    held : bool
-        The whole rule holds: stop.
-    checks : tuple of Check
-        Every part of the rule.
-    half_width : float
-        Half-width the rule looked at, score units.
-    budget_spent : bool
-        ``n_runs >= max_runs``.
-    wants_confirmation : bool
-        Nothing but the fresh runs is missing.
-    futility : tuple of str
-        Why going on may be useless.
-    reasons : tuple of str
-        The decision in sentences: what is missing, floors, budget, futility.
-    """
+    """Stop or go on, and why; with what more runs would give."""
 
     held: bool
+    """The whole rule holds: stop."""
     checks: tuple[Check, ...]
+    """Every part of the rule."""
     half_width: float
+    """Half-width the rule looked at, score units."""
     budget_spent: bool
+    """``n_runs >= max_runs``."""
     wants_confirmation: bool
+    """Nothing but the fresh runs is missing."""
     futility: tuple[str, ...]
+    """Why going on may be useless."""
     reasons: tuple[str, ...]
+    """The decision in sentences: what is missing, floors, budget, futility."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What one look at the scores says of the interval at the optimum, and whether the model describes the region.
-
-    Attributes
-    ----------
-    n_runs, n_terms : int
-        Scored runs and terms of the model.
-    s, df_residual : float, int
-        Standard deviation of a future run at the optimum, score units (nan without degrees of freedom), and the
-        residual degrees of freedom.
-    df_pure_error : int
-        Degrees of freedom of pure error.
-    h : float
-        Variance of the mean there in its square.
-    loss : float
-        What the recommended settings are expected to lose, score units.
-    half_width : float
-        Half-width of the rule's interval, score units; by default Student's of ``s`` and ``h``. What it has beyond the
-        scatter of future runs is forecast to fall with more runs.
-    model_p : float, optional
-        p of the F test that no term but the intercept matters; 1 where all scores are equal.
-    guess : float or None
-        What would be scored without an image; None where it is not known.
-    known_map : bool
-        That is the score of a map that exists, not of guessing.
-    lead : float
-        By how much the mean at the optimum is better than that, score units.
-    lack_of_fit : float or str
-        p of the lack-of-fit test, or why it cannot be made.
-    weighed : bool
-        A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
-        error is asked about.
-    saturated : bool
-        The model has a term for every setting of the region: there is no lack of fit to test.
-    n_confirmation : int
-        Confirmation runs among the runs, which are beyond the budget.
-    n_flights : int or None
-        Flights among the runs where simulations are others: more simulations do not tell how flights differ.
-    one_block : bool
-        Future runs are in a new block, and all of these are in one.
-    """
+    """What one look at the scores says of the interval at the optimum, and whether the model describes the region."""
 
     n_runs: int
     n_terms: int
+    """Scored runs and terms of the model."""
     s: float
     df_residual: int
+    """Standard deviation of a future run at the optimum, score units (nan without degrees of freedom), and the residual
+    degrees of freedom."""
     df_pure_error: int
+    """Degrees of freedom of pure error."""
     h: float
+    """Variance of the mean there in its square."""
     lack_of_fit: float | str
+    """p of the lack-of-fit test, or why it cannot be made."""
     loss: float = 0.0
+    """What the recommended settings are expected to lose, score units."""
     half_width: float = float("nan")
+    """Half-width of the rule's interval, score units; by default Student's of ``s`` and ``h``. What it has beyond the
+    scatter of future runs is forecast to fall with more runs."""
     model_p: float | None = None
+    """p of the F test that no term but the intercept matters; 1 where all scores are equal."""
     guess: float | None = None
+    """What would be scored without an image; None where it is not known."""
     known_map: bool = False
+    """That is the score of a map that exists, not of guessing."""
     lead: float = float("inf")
+    """By how much the mean at the optimum is better than that, score units."""
     weighed: bool = False
+    """A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
+    error is asked about."""
     saturated: bool = False
+    """The model has a term for every setting of the region: there is no lack of fit to test."""
     n_confirmation: int = 0
+    """Confirmation runs among the runs, which are beyond the budget."""
     n_flights: int | None = None
+    """Flights among the runs where simulations are others: more simulations do not tell how flights differ."""
     one_block: bool = False
+    """Future runs are in a new block, and all of these are in one."""
 
 
 def futility(rule: StopRule, look: Look, ahead: Forecast, width: float, unit: str) -> tuple[str, ...]:

@@ -270,12 +270,6 @@ def _slack(node: Node, settings: Mapping[str, Any]) -> FloatArray:
 class Constraint:
     """Condition on the settings, such as ``looks <= 4 * (resolution / 12.1) ** 2``.
 
-    Parameters
-    ----------
-    expr : str
-        Comparison of expressions in the factors' natural units; see ``ALLOWED``. At most 500 characters and 100 parts;
-        exponents are numbers from -10 to 10.
-
     Raises
     ------
     RegionError
@@ -283,6 +277,8 @@ class Constraint:
     """
 
     expr: str
+    """Comparison of expressions in the factors' natural units; see ``ALLOWED``. At most 500 characters and 100 parts;
+    exponents are numbers from -10 to 10."""
     numeric_names: frozenset[str] = field(init=False, repr=False, compare=False)
     labels: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
     open_ends: tuple[tuple[str, float], ...] = field(init=False, repr=False, compare=False)

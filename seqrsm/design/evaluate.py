@@ -28,34 +28,24 @@ _SEQUENCE, _ENOUGH, _MOMENTS_SEED = 1 << 17, 1000, 33_391
 
 @dataclass(frozen=True, slots=True)
 class DesignReport:
-    """Figures of a design of N runs.
-
-    Attributes
-    ----------
-    d_efficiency, i_efficiency : float or None
-        Against the best continuous design, where tabulated and all runs lie in the region.
-    d_value, a_value, i_value : float
-        |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region.
-    condition_number : float
-        Of the column-scaled model matrix.
-    n_distinct, df_pure_error : int
-        Different settings, and N less that.
-    leverage : ndarray (N,)
-        Diagonal of the hat matrix.
-    fraction_of_design_space : ndarray (101,)
-        Scaled prediction variance that 0, 1 ... 100 % of the region does not exceed.
-    """
+    """Figures of a design of N runs."""
 
     d_efficiency: float | None
     i_efficiency: float | None
+    """Against the best continuous design, where tabulated and all runs lie in the region."""
     d_value: float
     a_value: float
     i_value: float
+    """|Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean scaled prediction variance N z'(Z'Z)^-1 z over the region."""
     condition_number: float
+    """Of the column-scaled model matrix."""
     n_distinct: int
     df_pure_error: int
+    """Different settings, and N less that."""
     leverage: FloatArray
+    """(N,): diagonal of the hat matrix."""
     fraction_of_design_space: FloatArray
+    """(101,): scaled prediction variance that 0, 1 ... 100 % of the region does not exceed."""
 
 
 def continuous_bound(model: QuadraticModel, criterion: str) -> float | None:

@@ -48,21 +48,14 @@ def in_coordinates(model: QuadraticModel, region: Region, base: FloatArray, pull
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is to be searched.
-
-    Parameters
-    ----------
-    n : int
-        Rows to choose.
-    precision : ndarray (p, p)
-        What fixed rows bring to M.
-    weight : ndarray (p, p) or None
-        None: maximise log|M|. Else: minimise tr(weight M^-1).
-    """
+    """What is to be searched."""
 
     n: int
+    """Rows to choose."""
     precision: FloatArray
+    """(p, p): what fixed rows bring to M."""
     weight: FloatArray | None
+    """(p, p): None: maximise log|M|. Else: minimise tr(weight M^-1)."""
 
     def value(self, Z: FloatArray) -> float:
         """Value to be maximised, from rows (n, p) of the model matrix: log|M| or -log tr(weight M^-1)."""

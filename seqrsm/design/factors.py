@@ -106,17 +106,6 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
 class ContinuousFactor:
     """Numeric factor that takes any value of a closed interval.
 
-    Parameters
-    ----------
-    name : str
-        Identifier of letters, digits and underscores.
-    low, high : float
-        Ends of the interval in natural units, ``low < high``; coded -1 and +1.
-    unit : str
-        Unit of ``low`` and ``high``, for reports.
-    scale : {"linear", "log"}
-        Whether the value or its logarithm is coded linearly; ``"log"`` needs ``low > 0``.
-
     Raises
     ------
     RegionError
@@ -124,10 +113,14 @@ class ContinuousFactor:
     """
 
     name: str
+    """Identifier of letters, digits and underscores."""
     low: float
     high: float
+    """Ends of the interval in natural units, ``low < high``; coded -1 and +1."""
     unit: str = ""
+    """Unit of ``low`` and ``high``, for reports."""
     scale: Scale = "linear"
+    """Whether the value or its logarithm is coded linearly; ``"log"`` needs ``low > 0``."""
 
     def __post_init__(self) -> None:
         problems = _name_problems(self.name)
@@ -161,17 +154,6 @@ class ContinuousFactor:
 class DiscreteFactor:
     """Numeric factor that takes only the values listed.
 
-    Parameters
-    ----------
-    name : str
-        Identifier of letters, digits and underscores.
-    values : tuple of float
-        Two or more different values in natural units; kept in ascending order.
-    unit : str
-        Unit of the values, for reports.
-    scale : {"linear", "log"}
-        Whether the value or its logarithm is coded linearly from the smallest (-1) to the largest (+1).
-
     Raises
     ------
     RegionError
@@ -179,9 +161,13 @@ class DiscreteFactor:
     """
 
     name: str
+    """Identifier of letters, digits and underscores."""
     values: tuple[float, ...]
+    """Two or more different values in natural units; kept in ascending order."""
     unit: str = ""
+    """Unit of the values, for reports."""
     scale: Scale = "linear"
+    """Whether the value or its logarithm is coded linearly from the smallest (-1) to the largest (+1)."""
 
     def __post_init__(self) -> None:
         problems = _name_problems(self.name)
@@ -233,13 +219,6 @@ class DiscreteFactor:
 class CategoricalFactor:
     """Factor whose levels have no order, such as the polarization.
 
-    Parameters
-    ----------
-    name : str
-        Identifier of letters, digits and underscores.
-    levels : tuple of str
-        Two or more different names; a point holds the index into this tuple.
-
     Raises
     ------
     RegionError
@@ -247,7 +226,9 @@ class CategoricalFactor:
     """
 
     name: str
+    """Identifier of letters, digits and underscores."""
     levels: tuple[str, ...]
+    """Two or more different names; a point holds the index into this tuple."""
 
     unit: ClassVar[str] = ""
 

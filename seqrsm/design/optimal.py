@@ -26,20 +26,14 @@ _LEAST_RATIO = 0.01  # of the determinant, after a run is drawn in to before
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Runs of an optimal design; how good they are else, `evaluate_design` tells.
-
-    Attributes
-    ----------
-    points : ndarray (n, k)
-        The runs chosen, coded.
-    hits, starts : int
-        How many of the local searches ended at its value: one or two of hundreds mean that a longer search may find
-        a better design.
-    """
+    """Runs of an optimal design; how good they are else, `evaluate_design` tells."""
 
     points: FloatArray
+    """(n, k): the runs chosen, coded."""
     hits: int
     starts: int
+    """How many of the local searches ended at its value: one or two of hundreds mean that a longer search may find a
+    better design."""
 
 
 def optimal_design(

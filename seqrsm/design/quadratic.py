@@ -21,21 +21,15 @@ TermKind: TypeAlias = Literal["intercept", "linear", "category", "interaction", 
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """Column of the model matrix.
-
-    Parameters
-    ----------
-    name : str
-        ``"intercept"``, ``"frequency"``, ``"frequency^2"``, ``"frequency:resolution"``, ``"polarization[VV]"``,
-        ``"polarization[VV]:frequency"``.
-    kind : {"intercept", "linear", "category", "interaction", "square"}
-    factors : tuple of str
-        Names of the factors in it; none for the intercept.
-    """
+    """Column of the model matrix."""
 
     name: str
+    """``"intercept"``, ``"frequency"``, ``"frequency^2"``, ``"frequency:resolution"``, ``"polarization[VV]"``,
+    ``"polarization[VV]:frequency"``."""
     kind: TermKind
+    """"""
     factors: tuple[str, ...]
+    """Names of the factors in it; none for the intercept."""
 
 
 class Quadratics(NamedTuple):

@@ -80,13 +80,6 @@ def declaration_problems(factors: Sequence[Factor], constraints: Sequence[Constr
 class Region(OfFactors):
     """Allowed settings of the factors.
 
-    Parameters
-    ----------
-    factors : tuple of ContinuousFactor, DiscreteFactor or CategoricalFactor
-        In the order of the columns of every point.
-    constraints : tuple of Constraint
-        All must hold; in natural units.
-
     Raises
     ------
     RegionError
@@ -94,7 +87,9 @@ class Region(OfFactors):
     """
 
     factors: tuple[Factor, ...]
+    """In the order of the columns of every point."""
     constraints: tuple[Constraint, ...] = ()
+    """All must hold; in natural units."""
     #: Some feasible points (m, k), kept from the check at creation; empty for a box.
     anchors: FloatArray = field(init=False, repr=False, compare=False)
 

@@ -34,36 +34,25 @@ _NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class RandomBlockPosterior:
-    """Posterior of the model with random days.
-
-    Attributes
-    ----------
-    ratios, shares : ndarray (c,)
-        Grid of variance ratios and their posterior probabilities.
-    mean : ndarray (c, p)
-        Coefficients given each ratio.
-    factor : ndarray (c, p, p)
-        L with (Z'V^-1 Z)^-1 = LL' given each ratio.
-    s : ndarray (c,)
-        Scale of a run of weight 1.
-    df : float
-        Residual degrees of freedom n - p.
-    sigma, sigma_day : float
-        Standard deviations of a run of weight 1 and of the days by restricted maximum likelihood; 0 for the days where
-        that is most likely.
-    reason : str
-        Why intervals rest on the prior of how days differ; empty when there are days enough.
-    """
+    """Posterior of the model with random days."""
 
     ratios: FloatArray
     shares: FloatArray
+    """(c,): grid of variance ratios and their posterior probabilities."""
     mean: FloatArray
+    """(c, p): coefficients given each ratio."""
     factor: FloatArray
+    """(c, p, p): L with (Z'V^-1 Z)^-1 = LL' given each ratio."""
     s: FloatArray
+    """(c,): scale of a run of weight 1."""
     df: float
+    """Residual degrees of freedom n - p."""
     sigma: float
     sigma_day: float
+    """Standard deviations of a run of weight 1 and of the days by restricted maximum likelihood; 0 for the days where
+    that is most likely."""
     reason: str
+    """Why intervals rest on the prior of how days differ; empty when there are days enough."""
 
     def sigma_ratio_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Credible interval of sigma_day / sigma."""
@@ -179,26 +168,18 @@ class _Reduced:
 
     Within a day W^(1/2) V W^(1/2) = I + ratio uu', u = sqrt(w): only the direction of u depends on the ratio. What
     is orthogonal to it is triangularised once for all ratios.
-
-    Attributes
-    ----------
-    within : ndarray (p + 1, p + 1)
-        Triangle of the rows [Z, y] orthogonal to every u.
-    along : ndarray (d, p + 1)
-        Rows along u, one a day, of variance ``1 + ratio * total``.
-    total : ndarray (d,)
-        |u|^2, the weight of each day.
-    log_weights : float
-        Sum of log w.
-    n : int
-        Runs.
     """
 
     within: FloatArray
+    """(p + 1, p + 1): triangle of the rows [Z, y] orthogonal to every u."""
     along: FloatArray
+    """(d, p + 1): rows along u, one a day, of variance ``1 + ratio * total``."""
     total: FloatArray
+    """(d,): |u|^2, the weight of each day."""
     log_weights: float
+    """Sum of log w."""
     n: int
+    """Runs."""
 
 
 def _reduce(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray) -> _Reduced:

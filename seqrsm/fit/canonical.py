@@ -39,34 +39,23 @@ FLAT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CanonicalForm:
-    """Canonical analysis of ``c + x'b + x'Bx``.
-
-    Attributes
-    ----------
-    point : ndarray (q,)
-        Stationary point with flat directions left out (minimum norm); nan when the quadratic has no curvature.
-    exact_point : ndarray (q,)
-        Solution of ``2Bx = -b`` with every eigenvalue kept; nan where B is singular to working precision.
-    value : float
-        Value at ``point``.
-    kind : str
-        "maximum", "minimum" or "saddle" by the signs of the eigenvalues that are not flat; "ridge" when these agree in
-        sign but others are flat; "none" without curvature.
-    eigenvalues : ndarray (q,)
-        In falling order, unrounded.
-    eigenvectors : ndarray (q, q)
-        Columns, largest component positive.
-    flat : ndarray (q,) of bool
-        Which eigenvalues are below that share.
-    """
+    """Canonical analysis of ``c + x'b + x'Bx``."""
 
     point: FloatArray
+    """(q,): stationary point with flat directions left out (minimum norm); nan when the quadratic has no curvature."""
     exact_point: FloatArray
+    """(q,): solution of ``2Bx = -b`` with every eigenvalue kept; nan where B is singular to working precision."""
     value: float
+    """Value at ``point``."""
     kind: Kind
+    """One of "maximum", "minimum" or "saddle" by the signs of the eigenvalues that are not flat; "ridge" when these
+    agree in sign but others are flat; "none" without curvature."""
     eigenvalues: FloatArray
+    """(q,): in falling order, unrounded."""
     eigenvectors: FloatArray
+    """(q, q): columns, largest component positive."""
     flat: BoolArray
+    """(q,): which eigenvalues are below that share."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,19 +36,13 @@ _FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in 
 
 @dataclass(frozen=True, slots=True)
 class LinearBounds:
-    """``low <= rows @ beta <= high``.
-
-    Attributes
-    ----------
-    rows : ndarray (c, p)
-        Linearly independent.
-    low, high : ndarray (c,)
-        -inf and inf where there is no bound; low < high.
-    """
+    """``low <= rows @ beta <= high``."""
 
     rows: FloatArray
+    """(c, p): linearly independent."""
     low: FloatArray
     high: FloatArray
+    """(c,): -inf and inf where there is no bound; low < high."""
 
     def hold(self, beta: FloatArray) -> BoolArray:
         """Which coefficients (n, p) lie inside."""
@@ -179,22 +173,15 @@ class Flat:
 
 @dataclass(frozen=True, slots=True)
 class NormalInverseGamma:
-    """Conjugate prior.
-
-    Attributes
-    ----------
-    m0 : ndarray (p,)
-        Prior mean of the coefficients.
-    Lambda0 : ndarray (p, p)
-        Prior precision relative to sigma^2, positive semidefinite; null directions are flat.
-    a0, b0 : float
-        Shape and scale of the inverse gamma of sigma^2, >= 0; the prior counts as 2 a0 runs that found b0 / a0.
-    """
+    """Conjugate prior."""
 
     m0: FloatArray
+    """(p,): prior mean of the coefficients."""
     Lambda0: FloatArray
+    """(p, p): prior precision relative to sigma^2, positive semidefinite; null directions are flat."""
     a0: float
     b0: float
+    """Shape and scale of the inverse gamma of sigma^2, >= 0; the prior counts as 2 a0 runs that found b0 / a0."""
 
 
 Prior = Flat | NormalInverseGamma
@@ -211,22 +198,15 @@ def with_further(base: Prior, p: int, precision: FloatArray) -> NormalInverseGam
 
 @dataclass(frozen=True, slots=True)
 class ConjugatePosterior:
-    """Normal-inverse-gamma posterior.
-
-    Attributes
-    ----------
-    mean : ndarray (p,)
-        Posterior mean of the coefficients.
-    factor : ndarray (p, p)
-        L with Lambda^-1 = LL'.
-    a, b : float
-        Shape and scale of the inverse gamma of sigma^2.
-    """
+    """Normal-inverse-gamma posterior."""
 
     mean: FloatArray
+    """(p,): posterior mean of the coefficients."""
     factor: FloatArray
+    """(p, p): L with Lambda^-1 = LL'."""
     a: float
     b: float
+    """Shape and scale of the inverse gamma of sigma^2."""
 
     @property
     def df(self) -> float:

@@ -61,34 +61,23 @@ MAX_DRAWS, MAX_STEPS, MAX_SECONDS = 50_000, 50_000, 120.0
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """Draws of a model's parameters, and the evidence that they are from the posterior.
-
-    Attributes
-    ----------
-    draws : ndarray (m, d)
-        In the parameters' own units; of a linear model coefficients, then the standard deviation (scale, for Student-t
-        errors) of a run of weight 1, where whitened coefficients and log sigma were sampled.
-    tau : ndarray (d,)
-        Integrated autocorrelation time of every coordinate that was sampled [steps].
-    ess : ndarray (d,)
-        Effective sample size of every coordinate among the draws handed out.
-    r_hat : ndarray (d,)
-        Rank-normalised split R-hat across the independent ensembles.
-    ess_ends : ndarray (d,)
-        Effective sample size of the ends of the 95 % interval, the smaller of the two, of every parameter.
-    acceptance : dict
-        Accepted share by move.
-    steps : int
-        Made by every walker.
-    """
+    """Draws of a model's parameters, and the evidence that they are from the posterior."""
 
     draws: FloatArray
+    """(m, d): in the parameters' own units; of a linear model coefficients, then the standard deviation (scale, for
+    Student-t errors) of a run of weight 1, where whitened coefficients and log sigma were sampled."""
     tau: FloatArray
+    """(d,): integrated autocorrelation time of every coordinate that was sampled [steps]."""
     ess: FloatArray
+    """(d,): effective sample size of every coordinate among the draws handed out."""
     r_hat: FloatArray
+    """(d,): rank-normalised split R-hat across the independent ensembles."""
     ess_ends: FloatArray
+    """(d,): effective sample size of the ends of the 95 % interval, the smaller of the two, of every parameter."""
     acceptance: dict[str, float]
+    """Accepted share by move."""
     steps: int
+    """Made by every walker."""
 
 
 @dataclass(slots=True)

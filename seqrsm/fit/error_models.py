@@ -47,36 +47,24 @@ class Scale(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """Posterior draws of the surface whose optimum is sought, on the scale of the fit.
-
-    Attributes
-    ----------
-    terms : ndarray (m, p)
-        Coded coefficients; those of the flight's surface where there are two sources.
-    sigma : ndarray (m,)
-        Standard deviation (scale, of Student-t errors) of a future run of weight 1.
-    made : dict
-        How they were made.
-    share : float, optional
-        Probability of the bounds of the prior without them; None where it is not known.
-    bounds : LinearBounds, optional
-        Bounds of single terms that all draws hold.
-    sigma_block : ndarray (m,), optional
-        Standard deviation of random blocks.
-    more : dict
-        Other parameters of the errors, (m,) each, by name.
-    instead : str
-        How they were made in place of emcee, and why; "" where nothing stands in its place.
-    """
+    """Posterior draws of the surface whose optimum is sought, on the scale of the fit."""
 
     terms: FloatArray
+    """(m, p): coded coefficients; those of the flight's surface where there are two sources."""
     sigma: FloatArray
+    """(m,): standard deviation (scale, of Student-t errors) of a future run of weight 1."""
     made: Made
+    """How they were made."""
     share: float | None = None
+    """Probability of the bounds of the prior without them; None where it is not known."""
     bounds: LinearBounds | None = None
+    """Bounds of single terms that all draws hold."""
     sigma_block: FloatArray | None = None
+    """(m,): standard deviation of random blocks."""
     more: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Other parameters of the errors, (m,) each, by name."""
     instead: str = ""
+    """How they were made in place of emcee, and why; "" where nothing stands in its place."""
 
     def first(self, n: int) -> Draws:
         """The first ``n`` draws."""
@@ -93,44 +81,30 @@ class Draws:
 
 @dataclass(frozen=True, slots=True)
 class LinearRuns:
-    """A linear model and the runs that it was fitted to, as its posterior needs them.
-
-    Attributes
-    ----------
-    fit : LeastSquaresFit
-        With blocks and sources as constants behind the model's terms.
-    p : int
-        Terms of the model.
-    Z, y : ndarray (n, c), (n,)
-        Rows and scores of what is sampled: the columns of ``fit``, and others maybe.
-    weights : ndarray (n,)
-        Relative weights, `ErrorModel.sampled_weights`.
-    prior : Flat or NormalInverseGamma
-        Of the c coefficients.
-    to_terms : callable
-        (m, c) coefficients -> (m, p) terms of the surface whose optimum is sought.
-    own_columns : bool
-        The first of the c columns are those of ``fit``, with nothing else on them.
-    sigma_unit : float
-        Standard deviation of a future run of weight 1 over that of a run of weight 1 among these.
-    stated : NormalInverseGamma or None
-        Prior of the p terms that the user states.
-    correct, trials : ndarray (n,), optional
-        Decisions of each run, where the errors are those of counts.
-    """
+    """A linear model and the runs that it was fitted to, as its posterior needs them."""
 
     fit: LeastSquaresFit
+    """With blocks and sources as constants behind the model's terms."""
     p: int
+    """Terms of the model."""
     Z: FloatArray
     y: FloatArray
+    """(n, c), (n,): rows and scores of what is sampled: the columns of ``fit``, and others maybe."""
     weights: FloatArray
+    """(n,): relative weights, `ErrorModel.sampled_weights`."""
     prior: Prior
+    """Of the c coefficients."""
     to_terms: Callable[[FloatArray], FloatArray]
+    """(m, c) coefficients -> (m, p) terms of the surface whose optimum is sought."""
     own_columns: bool
+    """The first of the c columns are those of ``fit``, with nothing else on them."""
     sigma_unit: float
+    """Standard deviation of a future run of weight 1 over that of a run of weight 1 among these."""
     stated: NormalInverseGamma | None
+    """Prior of the p terms that the user states."""
     correct: FloatArray | None = None
     trials: FloatArray | None = None
+    """(n,): decisions of each run, where the errors are those of counts."""
 
     def seen_from_all(self, bounds: LinearBounds | None) -> LinearBounds | None:
         """Bounds of terms as bounds of the c coefficients."""
@@ -140,36 +114,24 @@ class LinearRuns:
 
 
 class ErrorModel:
-    """What all models of errors share; see the module.
-
-    Attributes
-    ----------
-    name : str
-        As ``[model] errors`` has it.
-    words : str
-        After "errors of different runs are independent, ".
-    exact : bool
-        The posterior of a linear model is known exactly, and least squares have t intervals: only normal errors have.
-    of_counts : bool
-        Scores are counts of correct decisions, which carry their own weights.
-    response : str
-        The scale that they must be modelled on; "" for any.
-    random_blocks : bool
-        Blocks may be random.
-    run_variance : float
-        Variance of a run of weight 1 over the square of the errors' scale, which is what least squares tell as s.
-    inflation : float
-        Variance of the most likely coefficients over that which least squares with their weights tell.
-    """
+    """What all models of errors share; see the module."""
 
     name: ClassVar[str]
+    """As ``[model] errors`` has it."""
     words: ClassVar[str]
+    """After "errors of different runs are independent, "."""
     exact: ClassVar[bool] = False
+    """The posterior of a linear model is known exactly, and least squares have t intervals: only normal errors have."""
     of_counts: ClassVar[bool] = False
+    """Scores are counts of correct decisions, which carry their own weights."""
     response: ClassVar[str] = ""
+    """The scale that they must be modelled on; "" for any."""
     random_blocks: ClassVar[bool] = False
+    """Blocks may be random."""
     run_variance: ClassVar[float] = 1.0
+    """Variance of a run of weight 1 over the square of the errors' scale, which is what least squares tell as s."""
     inflation: ClassVar[float] = 1.0
+    """Variance of the most likely coefficients over that which least squares with their weights tell."""
 
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) for least squares, of rows Z (n, p), scores y (n,) as fitted, given weights (n,)."""

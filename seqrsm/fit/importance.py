@@ -25,20 +25,14 @@ _HIGHER = 0.1  # of log density: that another end is taken for the higher one
 
 @dataclass(frozen=True, slots=True)
 class WeightedDraws:
-    """Draws of a posterior.
-
-    Attributes
-    ----------
-    draws : ndarray (m, d)
-    shares : ndarray (m,)
-        Of the probability, 1 in all.
-    log_evidence : float
-        Logarithm of the integral of likelihood times prior.
-    """
+    """Draws of a posterior."""
 
     draws: FloatArray
+    """(m, d)."""
     shares: FloatArray
+    """(m,): of the probability, 1 in all."""
     log_evidence: float
+    """Logarithm of the integral of likelihood times prior."""
 
     @property
     def effective(self) -> float:

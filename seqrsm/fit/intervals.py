@@ -25,24 +25,16 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Estimated response with both intervals at m points.
-
-    Attributes
-    ----------
-    mean : ndarray (m,)
-        Estimated mean response.
-    confidence : Interval
-        Of the mean response (RSL TR 380-1 eq. 2-17).
-    prediction : Interval
-        Of the mean of ``replicates`` future runs (eq. 2-23 with the factor S that is missing in print).
-    se_mean : ndarray (m,)
-        Standard error of the mean response.
-    """
+    """Estimated response with both intervals at m points."""
 
     mean: FloatArray
+    """(m,): estimated mean response."""
     confidence: Interval
+    """Of the mean response (RSL TR 380-1 eq. 2-17)."""
     prediction: Interval
+    """Of the mean of ``replicates`` future runs (eq. 2-23 with the factor S that is missing in print)."""
     se_mean: FloatArray
+    """(m,): standard error of the mean response."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,68 +91,52 @@ class AliasedError(FitError):
 
 @dataclass(frozen=True, slots=True)
 class LeastSquaresFit:
-    """A fitted model; see :func:`fit_least_squares`.
-
-    Attributes
-    ----------
-    names, kinds : tuple of str
-        Of the p columns.
-    estimate, se : ndarray (p,)
-        Coefficients and standard errors; ``se`` is nan where s is 0 or nan: no scatter seen is none known.
-    covariance_unscaled : ndarray (p, p)
-        (Z'WZ)^-1 times ``inflation``.
-    s : float
-        Residual standard deviation of a run of weight 1 (RSL TR 380-1 eq. 2-13); nan when ``df_residual`` is 0.
-    n_runs, n_terms, df_residual : int
-    sse, sst : float
-        Weighted residual and total sum of squares, the latter about the mean when there is an intercept.
-    r2, r2_adjusted, press, r2_predicted : float
-    fitted, residuals, leverage, studentised, cooks_distance : ndarray (n,)
-        ``residuals`` are unweighted; ``studentised`` externally; nan where undefined.
-    condition_number : float
-        Of the weighted model matrix with columns of unit length.
-    leverage_one_runs : tuple of int
-        Indices of runs that the model must pass through; PRESS is undefined when there are any.
-    reason : str
-        Why s, standard errors or tests are undefined; empty when they are not.
-    Z, y, weights, setting_ids, block_ids
-        The data as fitted.
-    factor : ndarray (p, p)
-        L with ``covariance_unscaled`` = LL'.
-    inflation : float
-        Variance of the coefficients over s^2 (Z'WZ)^-1: 1, more where weights were chosen by the scores themselves.
-    """
+    """A fitted model; see :func:`fit_least_squares`."""
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]
+    """Of the p columns."""
     estimate: FloatArray
     se: FloatArray
+    """(p,): coefficients and standard errors; ``se`` is nan where s is 0 or nan: no scatter seen is none known."""
     covariance_unscaled: FloatArray
+    """(p, p): (Z'WZ)^-1 times ``inflation``."""
     s: float
+    """Residual standard deviation of a run of weight 1 (RSL TR 380-1 eq. 2-13); nan when ``df_residual`` is 0."""
     n_runs: int
     n_terms: int
     df_residual: int
+
     sse: float
     sst: float
+    """Weighted residual and total sum of squares, the latter about the mean when there is an intercept."""
     r2: float
     r2_adjusted: float
     press: float
     r2_predicted: float
+
     fitted: FloatArray
     residuals: FloatArray
     leverage: FloatArray
     studentised: FloatArray
     cooks_distance: FloatArray
+    """(n,): ``residuals`` are unweighted; ``studentised`` externally; nan where undefined."""
     condition_number: float
+    """Of the weighted model matrix with columns of unit length."""
     leverage_one_runs: tuple[int, ...]
+    """Indices of runs that the model must pass through; PRESS is undefined when there are any."""
     reason: str
+    """Why s, standard errors or tests are undefined; empty when they are not."""
     Z: FloatArray
     y: FloatArray
     weights: FloatArray
     setting_ids: IntArray | None
     block_ids: IntArray | None
+    """The data as fitted."""
     factor: FloatArray
+    """(p, p): L with ``covariance_unscaled`` = LL'."""
     inflation: float
+    """Variance of the coefficients over s^2 (Z'WZ)^-1: 1, more where weights were chosen by the scores themselves."""
 
     @property
     def t(self) -> FloatArray:
@@ -454,42 +438,29 @@ OUTLIER = 0.05  # familywise level of the outlier test
 
 @dataclass(frozen=True, slots=True)
 class NormalPlot:
-    """Ordered studentised residuals beside the normal quantiles they should follow.
-
-    Attributes
-    ----------
-    runs : ndarray (m,) of int
-        Index of the run of each residual; runs without one (leverage 1) are left out.
-    quantiles, residuals : ndarray (m,)
-        Blom's normal scores, and the externally studentised residuals in ascending order.
-    correlation : float
-        Of the two; near 1 for normal errors, nan for fewer than 3 runs.
-    """
+    """Ordered studentised residuals beside the normal quantiles they should follow."""
 
     runs: IntArray
+    """(m,): index of the run of each residual; runs without one (leverage 1) are left out."""
     quantiles: FloatArray
     residuals: FloatArray
+    """(m,): Blom's normal scores, and the externally studentised residuals in ascending order."""
     correlation: float
+    """Of the two; near 1 for normal errors, nan for fewer than 3 runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class InfluentialRun:
-    """A run that stands out.
-
-    Attributes
-    ----------
-    run : int
-        Index.
-    leverage, cooks_distance, studentised : float
-    reasons : tuple of str
-        Sentences with the figure and the limit it passes.
-    """
+    """A run that stands out."""
 
     run: int
+    """Index."""
     leverage: float
     cooks_distance: float
     studentised: float
+
     reasons: tuple[str, ...]
+    """Sentences with the figure and the limit it passes."""
 
 
 def normal_plot(fit: LeastSquaresFit) -> NormalPlot:

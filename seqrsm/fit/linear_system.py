@@ -84,33 +84,24 @@ _REFINE_COVARIANCE_ABOVE = 1e2  # condition number above which R^-1 alone loses 
 
 @dataclass(frozen=True, slots=True)
 class Factorisation:
-    """Pivoted QR of the column-scaled matrix ``X`` (n, p).
-
-    Attributes
-    ----------
-    X : ndarray (n, p)
-        The matrix with its columns scaled, ``X = Z * scale``.
-    scale : ndarray (p,)
-        Powers of two.
-    pivot : ndarray (p,)
-        Column order of the factorisation: the first ``rank`` are a basis of the column space.
-    rank : int
-    Q : ndarray (n, rank)
-    R : ndarray (rank, rank)
-    null : ndarray (p, p - rank)
-        Basis of the null space of ``X`` (in scaled coefficients), unit columns.
-    condition_number : float
-        2-norm condition number with columns scaled to unit length; inf when the rank is short.
-    """
+    """Pivoted QR of the column-scaled matrix ``X`` (n, p)."""
 
     X: FloatArray
+    """(n, p): the matrix with its columns scaled, ``X = Z * scale``."""
     scale: FloatArray
+    """(p,): powers of two."""
     pivot: IntArray
+    """(p,): column order of the factorisation: the first ``rank`` are a basis of the column space."""
     rank: int
+
     Q: FloatArray
+    """(n, rank)."""
     R: FloatArray
+    """(rank, rank)."""
     null: FloatArray
+    """(p, p - rank): basis of the null space of ``X`` (in scaled coefficients), unit columns."""
     condition_number: float
+    """2-norm condition number with columns scaled to unit length; inf when the rank is short."""
 
 
 def factorise(Z: FloatArray) -> Factorisation:

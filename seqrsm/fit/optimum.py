@@ -36,34 +36,23 @@ _STARTS = 24
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """The optimum of a fitted surface.
-
-    Attributes
-    ----------
-    point : ndarray (k,)
-        Coded settings. Among equally good ones the nearest to the centre.
-    value : float
-        Fitted value there.
-    at_bound : dict
-        Numeric factors at an end of their range, and which: "low" or "high".
-    active_constraints : tuple of str
-        Expressions of the constraints that hold with equality there.
-    ties : ndarray (t, k)
-        Other settings as good, to 1e-9 of the surface's coefficients.
-    flat : bool
-        Settings between two tied ones are as good as well: the optimum is a ridge, not a point.
-    exact : bool
-        Found by enumeration, hence certain; False where constraints cut the enumerated optimum off, and the point is
-        the best of many feasible climbs.
-    """
+    """The optimum of a fitted surface."""
 
     point: FloatArray
+    """(k,): coded settings. Among equally good ones the nearest to the centre."""
     value: float
+    """Fitted value there."""
     at_bound: dict[str, str]
+    """Numeric factors at an end of their range, and which: "low" or "high"."""
     active_constraints: tuple[str, ...]
+    """Expressions of the constraints that hold with equality there."""
     ties: FloatArray
+    """(t, k): other settings as good, to 1e-9 of the surface's coefficients."""
     flat: bool
+    """Settings between two tied ones are as good as well: the optimum is a ridge, not a point."""
     exact: bool
+    """Found by enumeration, hence certain; False where constraints cut the enumerated optimum off, and the point is the
+    best of many feasible climbs."""
 
 
 def sign_of(goal: Goal) -> float:

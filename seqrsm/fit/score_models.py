@@ -19,21 +19,15 @@ _STIRLING = 60.0  # from here on the series is exact to the last digits
 
 @dataclass(frozen=True, slots=True)
 class CoefficientPrior:
-    """Normal prior, cut off at bounds where there are any.
-
-    Attributes
-    ----------
-    mean : ndarray (p,)
-    inverse : ndarray (p, p)
-        Inverse covariance; a row of zeros: flat.
-    low, high : ndarray (p,), optional
-        Bounds of each coefficient; -inf and inf where there is none.
-    """
+    """Normal prior, cut off at bounds where there are any."""
 
     mean: FloatArray
+    """(p,)."""
     inverse: FloatArray
+    """(p, p): inverse covariance; a row of zeros: flat."""
     low: FloatArray | None = None
     high: FloatArray | None = None
+    """(p,): bounds of each coefficient; -inf and inf where there is none."""
 
     def bounded(self, start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """A start (p,) moved inside the bounds, and these, (p,) each."""

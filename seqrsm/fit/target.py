@@ -46,18 +46,13 @@ class Proposal:
     """Normal-inverse-gamma distribution of (u, log sigma).
 
     sigma^2 ~ InverseGamma(a, b), u | sigma ~ N(centre, sigma^2 MM').
-
-    Attributes
-    ----------
-    centre : ndarray (p,)
-    M, inverse : ndarray (p, p)
-        Lower triangular, and its inverse: a product is faster here than a triangular solve in every step.
-    a, b : float
     """
 
     centre: FloatArray
+    """(p,)."""
     M: FloatArray
     inverse: FloatArray
+    """(p, p): lower triangular, and its inverse: a product is faster here than a triangular solve in every step."""
     a: float
     b: float
 
@@ -90,30 +85,20 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the sampler needs.
-
-    Attributes
-    ----------
-    log_prob : callable
-        (n, d) -> (n,), up to a constant.
-    proposal : Distribution
-        From the base: the target itself for normal errors and a conjugate prior.
-    exact : bool
-        Whether it is.
-    d : int
-        Dimensions.
-    unpack : callable
-        (n, d) -> parameters (n, d) in their own units; coefficients, then sigma.
-    bounds : LinearBounds or None
-        Of the first coordinates.
-    """
+    """What the sampler needs."""
 
     log_prob: Callable[[FloatArray], FloatArray]
+    """(n, d) -> (n,), up to a constant."""
     proposal: Distribution
+    """From the base: the target itself for normal errors and a conjugate prior."""
     exact: bool
+    """Whether it is."""
     d: int
+    """Dimensions."""
     unpack: Callable[[FloatArray], FloatArray]
+    """(n, d) -> parameters (n, d) in their own units; coefficients, then sigma."""
     bounds: LinearBounds | None = None
+    """Of the first coordinates."""
 
     def start(self, random: Any, n: int) -> FloatArray:
         """Where n walkers begin: drawn from the proposal, and inside the bounds."""
@@ -210,22 +195,15 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class GeneralModel:
-    """Parameters and their joint log density with the data.
-
-    Attributes
-    ----------
-    start : ndarray (d,)
-        Likely values, inside the bounds.
-    low, high : ndarray (d,)
-        Bounds; -inf and inf where there is none.
-    log_density : callable
-        (n, d) parameter values -> (n,) log prior plus log likelihood, up to a constant; -inf where impossible.
-    """
+    """Parameters and their joint log density with the data."""
 
     start: FloatArray
+    """(d,): likely values, inside the bounds."""
     low: FloatArray
     high: FloatArray
+    """(d,): bounds; -inf and inf where there is none."""
     log_density: Callable[[FloatArray], FloatArray]
+    """(n, d) parameter values -> (n,) log prior plus log likelihood, up to a constant; -inf where impossible."""
 
     def natural(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Parameter values (n, d) of unbounded coordinates (n, d), and the log Jacobian (n,)."""
