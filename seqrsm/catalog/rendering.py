@@ -12,30 +12,20 @@ from seqrsm.plain import plain
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """One printed value of one sensor parameter and where it stands.
-
-    Attributes
-    ----------
-    parameter : str
-        One of `PARAMETERS`.
-    system : {"active", "passive"}
-        Radar or radiometer.
-    printed : str
-        The value, as printed; the unit of the column follows in brackets where the print leaves it to the head.
-    read_as : str
-        The frequencies it stands for [GHz], for bands, wavelengths and frequencies; "" otherwise.
-    tables : tuple of str
-        Tables that print it, in order.
-    applications : tuple of str
-        Applications it is printed for, each once.
-    """
+    """One printed value of one sensor parameter and where it stands."""
 
     parameter: str
+    """One of `PARAMETERS`."""
     system: str
+    """Either "active" or "passive": radar or radiometer."""
     printed: str
+    """The value, as printed; the unit of the column follows in brackets where the print leaves it to the head."""
     read_as: str
+    """The frequencies it stands for [GHz], for bands, wavelengths and frequencies; "" otherwise."""
     tables: tuple[str, ...]
+    """Tables that print it, in order."""
     applications: tuple[str, ...]
+    """Applications it is printed for, each once."""
 
 
 #: The parameters a summary tells of, in its order.

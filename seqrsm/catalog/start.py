@@ -39,37 +39,24 @@ _CHANNELS = ("HH", "HV", "VV")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One print that a start range rests on.
-
-    Attributes
-    ----------
-    table : str
-        Number of the table.
-    printed : str
-        What is printed.
-    ranges : tuple of Range
-        What it says in the parameter's unit.
-    """
+    """One print that a start range rests on."""
 
     table: str
+    """Number of the table."""
     printed: str
+    """What is printed."""
     ranges: tuple[Range, ...]
+    """What it says in the parameter's unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suggestion:
-    """What the literature suggests of a factor.
-
-    Attributes
-    ----------
-    sources : tuple of Source
-        Every print it rests on, by table.
-    notes : tuple of str
-        How open sides were closed, and what else to know.
-    """
+    """What the literature suggests of a factor."""
 
     sources: tuple[Source, ...]
+    """Every print it rests on, by table."""
     notes: tuple[str, ...]
+    """How open sides were closed, and what else to know."""
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -79,68 +66,44 @@ class Suggestion:
 
 @dataclass(frozen=True, slots=True)
 class StartRange(Suggestion):
-    """Suggested range of one numeric factor.
-
-    Attributes
-    ----------
-    name : {"frequency", "resolution", "depression_angle"}
-        Name of the parameter in ``campaign.toml``.
-    unit : {"GHz", "m", "deg"}
-        Its unit.
-    scale : {"log", "linear"}
-        Coding of the factor.
-    ends : (float, float) or None
-        Start range in ``unit``; None where no number is printed; both alike where only one is.
-    agreed : (float, float) or None
-        Part of it on which most sources agree; None where no two of several do.
-    n_agreeing : int
-        How many sources cover that part.
-    best : float or None
-        Value printed as best.
-    """
+    """Suggested range of one numeric factor."""
 
     name: str
+    """One of "frequency", "resolution" and "depression_angle": name of the parameter in ``campaign.toml``."""
     unit: str
+    """One of "GHz", "m" and "deg": its unit."""
     scale: str
+    """Either "log" or "linear": coding of the factor."""
     ends: tuple[float, float] | None
+    """Start range in ``unit``; None where no number is printed; both alike where only one is."""
     agreed: tuple[float, float] | None
+    """Part of it on which most sources agree; None where no two of several do."""
     n_agreeing: int
+    """How many sources cover that part."""
     best: float | None
+    """Value printed as best."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartLevels(Suggestion):
-    """Suggested levels of the factor polarization; among its sources are those that name no channel.
-
-    Attributes
-    ----------
-    levels : tuple of str
-        Single channels first, then sets ("HH+HV"); empty where no channel is printed.
-    """
+    """Suggested levels of the factor polarization; among its sources are those that name no channel."""
 
     levels: tuple[str, ...]
+    """Single channels first, then sets ("HH+HV"); empty where no channel is printed."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartRanges:
-    """What the literature suggests for an application.
-
-    Attributes
-    ----------
-    system : {"active", "passive"}
-        Radar or radiometer.
-    entries : tuple of Entry
-        The entries all numbers come from.
-    ranges : tuple of StartRange
-        frequency, resolution and, for radar, depression_angle.
-    polarization : StartLevels
-        Levels of polarization.
-    """
+    """What the literature suggests for an application."""
 
     system: str
+    """Either "active" or "passive": radar or radiometer."""
     entries: tuple[Entry, ...]
+    """The entries all numbers come from."""
     ranges: tuple[StartRange, ...]
+    """frequency, resolution and, for radar, depression_angle."""
     polarization: StartLevels
+    """Levels of polarization."""
 
 
 def _sources(
@@ -290,21 +253,14 @@ def start_ranges(words: str, *, system: str = "active") -> StartRanges:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """What an application is measured by.
-
-    Attributes
-    ----------
-    utility : str
-        As in ``campaign.toml``; "" where none that ships measures it.
-    engine : str
-        "psm" or "prm", which the utility needs or suits; "" without one.
-    says : str
-        Why there is none; "" where there is one.
-    """
+    """What an application is measured by."""
 
     utility: str
+    """As in ``campaign.toml``; "" where none that ships measures it."""
     engine: str
+    """Either "psm" or "prm", which the utility needs or suits; "" without one."""
     says: str
+    """Why there is none; "" where there is one."""
 
 
 def measure_of(words: str) -> Measure:

@@ -19,16 +19,11 @@ from seqrsm.constants import SPEED_OF_LIGHT_M_S
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """A printed range; a side that is not printed is None ("> 30" has no upper side).
-
-    Attributes
-    ----------
-    low, high : float or None
-        Ends, both included, in the unit the field's name tells. low == high for a single printed number.
-    """
+    """A printed range; a side that is not printed is None ("> 30" has no upper side)."""
 
     low: float | None
     high: float | None
+    """Ends, both included, in the unit the field's name tells. low == high for a single printed number."""
 
     def __str__(self) -> str:
         low, high = (None if end is None else f"{float(f'{end:.4g}'):.10g}" for end in (self.low, self.high))
@@ -39,121 +34,82 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One of Tables A.1 to A.39.
-
-    Attributes
-    ----------
-    number : str
-        "A.1" to "A.39".
-    kind : {"resolution", "frequency", "requirements", "platform"}
-        A.1-A.7, A.8-A.15, A.16-A.20, A.21-A.39.
-    listed_title : str
-        Title in the report's list of tables; "" for the platforms, which it does not list one by one.
-    title : str
-        Title over the table itself, as printed; "" when the page is missing (A.26).
-    note : str
-        Damage and contradictions.
-    n_entries : int
-        Applications, requirements, or the one platform, that the table states.
-    n_none : int
-        User categories or bands for which the table says "None".
-    """
+    """One of Tables A.1 to A.39."""
 
     number: str
+    """From "A.1" to "A.39"."""
     kind: str
+    """One of "resolution", "frequency", "requirements" and "platform": A.1-A.7, A.8-A.15, A.16-A.20, A.21-A.39."""
     listed_title: str
+    """Title in the report's list of tables; "" for the platforms, which it does not list one by one."""
     title: str
+    """Title over the table itself, as printed; "" when the page is missing (A.26)."""
     note: str
+    """Damage and contradictions."""
     n_entries: int
+    """Applications, requirements, or the one platform, that the table states."""
     n_none: int
+    """User categories or bands for which the table says "None"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One application of Tables A.1 to A.20, as printed, with the numbers read from the print.
-
-    Attributes
-    ----------
-    table : str
-        Number of the table, "A.16".
-    number : int
-        Place in the table, from 1.
-    system : {"active", "passive"}
-        Radar or radiometer. Tables A.16 to A.20 are "radar parameters" by the report's own words.
-    category : str
-        User category printed over the entry; for A.16 to A.20 the subject of the table; "" where none is printed.
-    numeral : str
-        Roman numeral printed before the category, or before the application where there is no category.
-    group : str
-        Heading the application stands under in Tables A.16 to A.20.
-    application : str
-        As printed; "None" where the table says that nothing was found; "" where the print is lost.
-    reading : str
-        What an obviously damaged application means; "" otherwise.
-    heading : str
-        Resolution class or band over the entry, as printed (A.1 to A.15).
-    band : str
-        Letter of the band (A.8 to A.15).
-    wavelength, frequency : str
-        As printed. Tables A.16 to A.20 print frequencies in the column Wavelength (cm): ``wavelength`` holds it.
-    wavelength_cm : tuple of Range
-        Wavelengths printed [cm].
-    frequency_ghz : tuple of Range
-        Frequencies printed [GHz], or those of the printed wavelengths or bands; empty: no number is printed.
-    n_frequencies : str
-        How many frequencies at once, where printed: "2", "1 or 2", "several".
-    resolution_class_m : Range or None
-        Resolution class of Tables A.1 to A.7 [m]; for the passive part of A.7 the two sides of the cell.
-    resolution_wanted, resolution_accepted : str
-        Columns Desire and Accept, as printed.
-    resolution_wanted_m, resolution_accepted_m : float or None
-        The same [m].
-    polarization : str
-        As printed.
-    channels : tuple of tuple of str
-        Sets of channels asked for, one or another; cross is HV. Empty: the print names no channel.
-    nadir_angle : str
-        As printed.
-    nadir_angle_deg : tuple of Range
-        Angles from the vertical [deg].
-    best_nadir_angle_deg : float or None
-        Angle printed as best [deg].
-    auxiliary : str
-        Column Auxiliary (revisit interval), as printed.
-    revisit_days : Range or None
-        Revisit interval [days], where it is printed as a number.
-    note : str
-        Damage, contradictions, and how the entry was read.
-    """
+    """One application of Tables A.1 to A.20, as printed, with the numbers read from the print."""
 
     table: str
+    """Number of the table, "A.16"."""
     number: int
+    """Place in the table, from 1."""
     system: str
+    """Either "active" or "passive": radar or radiometer. Tables A.16 to A.20 are "radar parameters" by the report's own
+    words."""
     category: str
+    """User category printed over the entry; for A.16 to A.20 the subject of the table; "" where none is printed."""
     application: str
+    """As printed; "None" where the table says that nothing was found; "" where the print is lost."""
     numeral: str = ""
+    """Roman numeral printed before the category, or before the application where there is no category."""
     group: str = ""
+    """Heading the application stands under in Tables A.16 to A.20."""
     reading: str = ""
+    """What an obviously damaged application means; "" otherwise."""
     heading: str = ""
+    """Resolution class or band over the entry, as printed (A.1 to A.15)."""
     band: str = ""
+    """Letter of the band (A.8 to A.15)."""
     wavelength: str = ""
     frequency: str = ""
+    """As printed. Tables A.16 to A.20 print frequencies in the column Wavelength (cm): ``wavelength`` holds it."""
     wavelength_cm: tuple[Range, ...] = ()
+    """Wavelengths printed [cm]."""
     frequency_ghz: tuple[Range, ...] = ()
+    """Frequencies printed [GHz], or those of the printed wavelengths or bands; empty: no number is printed."""
     n_frequencies: str = ""
+    """How many frequencies at once, where printed: "2", "1 or 2", "several"."""
     resolution_class_m: Range | None = None
+    """Resolution class of Tables A.1 to A.7 [m]; for the passive part of A.7 the two sides of the cell."""
     resolution_wanted: str = ""
     resolution_accepted: str = ""
+    """Columns Desire and Accept, as printed."""
     resolution_wanted_m: float | None = None
     resolution_accepted_m: float | None = None
+    """The same [m]."""
     polarization: str = ""
+    """As printed."""
     channels: tuple[tuple[str, ...], ...] = ()
+    """Sets of channels asked for, one or another; cross is HV. Empty: the print names no channel."""
     nadir_angle: str = ""
+    """As printed."""
     nadir_angle_deg: tuple[Range, ...] = ()
+    """Angles from the vertical [deg]."""
     best_nadir_angle_deg: float | None = None
+    """Angle printed as best [deg]."""
     auxiliary: str = ""
+    """Column Auxiliary (revisit interval), as printed."""
     revisit_days: Range | None = None
+    """Revisit interval [days], where it is printed as a number."""
     note: str = ""
+    """Damage, contradictions, and how the entry was read."""
 
     @property
     def is_none(self) -> bool:
@@ -169,46 +125,30 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class PlatformItem:
-    """One printed line of a platform table.
-
-    Attributes
-    ----------
-    item : str
-        Name of the line: Altitude, Pointing Acc., Size, Weight, Power, Telemetry, Data Storage, or a remark's name.
-    printed : str
-        What stands there; "" where the line is empty in print.
-    note : str
-        Damage, contradictions, and how the line was read.
-    """
+    """One printed line of a platform table."""
 
     item: str
+    """Name of the line: Altitude, Pointing Acc., Size, Weight, Power, Telemetry, Data Storage, or a remark's name."""
     printed: str
+    """What stands there; "" where the line is empty in print."""
     note: str
+    """Damage, contradictions, and how the line was read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """A spacecraft, or a set of general limits, of Tables A.21 to A.39.
-
-    Attributes
-    ----------
-    table : str
-        Number of the table.
-    spacecraft : str
-        As printed.
-    reading : str
-        What an obviously damaged name means; "" otherwise.
-    items : tuple of PlatformItem
-        Every printed line, empty ones too.
-    note : str
-        Remarks on the whole table.
-    """
+    """A spacecraft, or a set of general limits, of Tables A.21 to A.39."""
 
     table: str
+    """Number of the table."""
     spacecraft: str
+    """As printed."""
     reading: str
+    """What an obviously damaged name means; "" otherwise."""
     items: tuple[PlatformItem, ...]
+    """Every printed line, empty ones too."""
     note: str
+    """Remarks on the whole table."""
 
     @property
     def name(self) -> str:
@@ -218,21 +158,14 @@ class Platform:
 
 @dataclass(frozen=True, slots=True)
 class Catalog:
-    """Tables A.1 to A.39.
-
-    Attributes
-    ----------
-    tables : tuple of Table
-        All 39, A.26 (page missing) included.
-    entries : tuple of Entry
-        Everything Tables A.1 to A.20 state, the statements "None" included, in printed order.
-    platforms : tuple of Platform
-        Tables A.21 to A.39 without A.26.
-    """
+    """Tables A.1 to A.39."""
 
     tables: tuple[Table, ...]
+    """All 39, A.26 (page missing) included."""
     entries: tuple[Entry, ...]
+    """Everything Tables A.1 to A.20 state, the statements "None" included, in printed order."""
     platforms: tuple[Platform, ...]
+    """Tables A.21 to A.39 without A.26."""
 
     def of(self, table: Table) -> tuple[Entry, ...] | tuple[Platform, ...]:
         """What a table states: its entries, or the one platform."""

@@ -39,25 +39,16 @@ _EDGES_KM: Final[FloatArray] = np.concatenate([np.linspace(0.0, 4.0, 81)[:-1], n
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Atmosphere:
-    """The atmosphere at one frequency.
-
-    Attributes
-    ----------
-    depth_np : float64 array (n_layers,)
-        Optical depth of each layer at the vertical, from the ground up [Np].
-    temperature_k : float64 array (n_layers,)
-        Physical temperature, or its Planck equivalent [K].
-    edge_km : float64 array (n_layers + 1,)
-        Heights of the layers' edges above the ground [km].
-    space_k : float
-        Radiation of space [K].
-    notes : tuple of str
-    """
+    """The atmosphere at one frequency."""
 
     depth_np: FloatArray
+    """(n_layers,): optical depth of each layer at the vertical, from the ground up [Np]."""
     temperature_k: FloatArray
+    """(n_layers,): physical temperature, or its Planck equivalent [K]."""
     edge_km: FloatArray
+    """(n_layers + 1,): heights of the layers' edges above the ground [km]."""
     space_k: float
+    """Radiation of space [K]."""
     notes: tuple[str, ...]
 
     def transmission(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:

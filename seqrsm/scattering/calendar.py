@@ -65,60 +65,42 @@ _EVEN_DAYS: Final[FloatArray] = np.full(DAYS.size, 1.0 / DAYS.size)
 
 @dataclass(frozen=True, slots=True)
 class Fields:
-    """How the fields of a cover keep the calendar.
-
-    Attributes
-    ----------
-    group : {"cereal", "broadleaf", "grass", "even", "soil"}
-        Kind of the crop; the same all year where "even" or bare "soil".
-    lasting_share : tuple of float
-        Share of the variance between fields that stays for the year, of HH and VV, and of HV.
-    memory_days : tuple of float
-        In which the rest falls to 1/e of itself [d].
-    shift_days : float
-        By which fields are early or late, standard deviation [d].
-    level_water_kg_m2 : float
-        Water with which the L-band level was measured [kg/m2]; nan: the canopy's own of that time of the year.
-    """
+    """How the fields of a cover keep the calendar."""
 
     group: str
+    """One of "cereal", "broadleaf", "grass", "even" and "soil": kind of the crop; the same all year where "even" or
+    bare "soil"."""
     lasting_share: tuple[float, float]
+    """Share of the variance between fields that stays for the year, of HH and VV, and of HV."""
     memory_days: tuple[float, float]
+    """In which the rest falls to 1/e of itself [d]."""
     shift_days: float
+    """By which fields are early or late, standard deviation [d]."""
     level_water_kg_m2: float
+    """Water with which the L-band level was measured [kg/m2]; nan: the canopy's own of that time of the year."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """One channel of some categories through the year.
-
-    Attributes
-    ----------
-    change_db : float64 array (n_categories, 365)
-        Backscatter of the day at 40 degrees less the table's level [dB].
-    tilt_db_per_deg : float64 array (n_categories, 365)
-        What a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and 60.
-    closed : float64 array (n_categories, 365)
-        Share of the soil that is hidden, 1 of covers without a course, 0 of bare soil.
-    soil_share : float64 array (n_categories, 365)
-        Part of the echo that is bare soil's at 40 degrees.
-    sd_db : float64 array (n_categories, 365)
-        Standard deviation of the course about that of a given ground [dB].
-    lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
-        See `Fields`.
-    even : bool array (n_categories,)
-        Covers that neither are bare soil nor have a course.
-    """
+    """One channel of some categories through the year."""
 
     change_db: FloatArray
+    """(n_categories, 365): backscatter of the day at 40 degrees less the table's level [dB]."""
     tilt_db_per_deg: FloatArray
+    """(n_categories, 365): what a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and
+    60."""
     closed: FloatArray
+    """(n_categories, 365): share of the soil that is hidden, 1 of covers without a course, 0 of bare soil."""
     soil_share: FloatArray
+    """(n_categories, 365): part of the echo that is bare soil's at 40 degrees."""
     sd_db: FloatArray
+    """(n_categories, 365): standard deviation of the course about that of a given ground [dB]."""
     lasting_share: FloatArray
     memory_days: FloatArray
     shift_days: FloatArray
+    """(n_categories,): see `Fields`."""
     even: BoolArray
+    """(n_categories,): covers that neither are bare soil nor have a course."""
 
     def at_angles(self, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of each category on a day [dB], (n_categories, n), at incidence angles (n,) [deg]."""

@@ -35,24 +35,16 @@ MOST: Final = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coherence:
-    """Relation of HH and VV of some covers at one frequency.
-
-    Attributes
-    ----------
-    mean : complex array (n_categories,)
-        Mean of HH times conjugate VV over the root of both powers [1].
-    mean_sd : float64 array (n_categories,)
-        Standard deviation of either part of it about that of a given ground [1].
-    status : tuple of str
-        What each cover's rests on.
-    notes : tuple of str
-        Sources, one a cover.
-    """
+    """Relation of HH and VV of some covers at one frequency."""
 
     mean: AnyArray
+    """(n_categories,): mean of HH times conjugate VV over the root of both powers [1]."""
     mean_sd: FloatArray
+    """(n_categories,): standard deviation of either part of it about that of a given ground [1]."""
     status: tuple[str, ...]
+    """What each cover's rests on."""
     notes: tuple[str, ...]
+    """Sources, one a cover."""
 
 
 class Relation(NamedTuple):

@@ -55,55 +55,38 @@ _THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))  # beyond 75
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """Mean backscatter of one category in one season.
-
-    Attributes
-    ----------
-    category, season : str
-        Key of the curve.
-    frequency_ghz : float64 array (n_frequency,)
-        Node frequencies [GHz], rising.
-    wind_m_s : float64 array (n_wind,)
-        Node winds [m/s]; one entry when wind does not matter.
-    value_db : float64 array (n_wind, n_frequency, 3, 91)
-        sigma0 [dB] at HH, HV, VV; nan for a channel the source lacks.
-    surface : bool
-        A bare surface, whose HV stays 3 dB below both co-polarized channels.
-    water : bool
-        Water, with its higher cap at nadir.
-    soil_rms_height_m : float or None
-        Roughness with which soil moisture is taken into account [m]; None if it does not matter.
-    reference_moisture : float
-        Soil moisture the curve holds for [m^3/m^3].
-    status : tuple of tuples of str
-        What the values at each node frequency rest on at HH, HV, VV: the weakest status of the rows used there.
-    notes : tuple of str
-        Source and assumptions, without the category's name.
-    kin : str
-        Class of ground whose covers share part of what is not known of their means; "" for none.
-    soil_share : float
-        Part of it that is bare soil, in a season that leaves it bare.
-    as_given : bool
-        A user's own numbers, which `limit_db` leaves alone.
-    mean_sd_db : float64 array (n_frequency, 3) or None
-        Standard deviation of the mean that the user states [dB]; nan or None where it follows from the status.
-    """
+    """Mean backscatter of one category in one season."""
 
     category: str
     season: str
+    """Key of the curve."""
     frequency_ghz: FloatArray
+    """(n_frequency,): node frequencies [GHz], rising."""
     wind_m_s: FloatArray
+    """(n_wind,): node winds [m/s]; one entry when wind does not matter."""
     value_db: FloatArray
+    """(n_wind, n_frequency, 3, 91): sigma0 [dB] at HH, HV, VV; nan for a channel the source lacks."""
     surface: bool
+    """A bare surface, whose HV stays 3 dB below both co-polarized channels."""
     water: bool
+    """Water, with its higher cap at nadir."""
     soil_rms_height_m: float | None
+    """Roughness with which soil moisture is taken into account [m]; None if it does not matter."""
     reference_moisture: float
+    """Soil moisture the curve holds for [m^3/m^3]."""
     status: Statuses
+    """What the values at each node frequency rest on at HH, HV, VV: the weakest status of the rows used there."""
     notes: tuple[str, ...]
+    """Source and assumptions, without the category's name."""
     kin: str = ""
+    """Class of ground whose covers share part of what is not known of their means; "" for none."""
     soil_share: float = 0.0
+    """Part of it that is bare soil, in a season that leaves it bare."""
     as_given: bool = False
+    """A user's own numbers, which `limit_db` leaves alone."""
     mean_sd_db: FloatArray | None = None
+    """(n_frequency, 3): standard deviation of the mean that the user states [dB]; nan or None where it follows from the
+    status."""
 
 
 # Most at HH, HV, VV over land, and over water.

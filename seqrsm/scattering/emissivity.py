@@ -60,30 +60,22 @@ _HELD: Final = np.minimum(np.arange(THETA_DEG.size), 80)
 
 @dataclass(frozen=True, slots=True)
 class GroundModel:
-    """Vegetation over ground of one category, fitted to its row of Table 3.
-
-    Attributes
-    ----------
-    ground : {"soil", "water", "wet", "constant"}
-        What permittivity follows: soil moisture and frequency, water, the frequency of water, nothing.
-    permittivity : float
-        Real part at 20 GHz (loss tangent 0.15), for "wet" and "constant".
-    roughness : float
-        h at 20 GHz: the ground's reflectivity is multiplied by exp(-h). That of soil falls with frequency.
-    tau_20ghz, omega, tau_exponent : float
-        Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows. The
-        depth of a canopy whose water is known is that which a radar sees in its course through the year.
-    heating : float
-        Share of the sun's heating of bare ground that this cover shows.
-    """
+    """Vegetation over ground of one category, fitted to its row of Table 3."""
 
     ground: str
+    """One of "soil", "water", "wet" and "constant": what permittivity follows: soil moisture and frequency, water, the
+    frequency of water, nothing."""
     permittivity: float
+    """Real part at 20 GHz (loss tangent 0.15), for "wet" and "constant"."""
     roughness: float
+    """h at 20 GHz: the ground's reflectivity is multiplied by exp(-h). That of soil falls with frequency."""
     tau_20ghz: float
     omega: float
     tau_exponent: float
+    """Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows. The
+    depth of a canopy whose water is known is that which a radar sees in its course through the year."""
     heating: float
+    """Share of the sun's heating of bare ground that this cover shows."""
 
     def reflectivity(
         self, frequency_ghz: float, polarization: str, moisture: FloatArray, canopy: float = 1.0
@@ -122,42 +114,33 @@ def _ratio(model: GroundModel, frequency_ghz: float, polarization: str, canopy: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmissivityLookup:
-    """Emissivity of some categories for one polarization.
-
-    Attributes
-    ----------
-    categories : tuple of str
-    emissivity : float64 array (n_categories, n_moistures, 91)
-        On `MOISTURE_NODES`, or with one node only if nothing here depends on moisture, and at `THETA_DEG` [1].
-    moist : bool array (n_categories,)
-        Whether the category depends on soil moisture.
-    heating : float64 array (n_categories,)
-        Share of the sun's heating.
-    closed : float64 array (n_categories,)
-        Share of the soil that a category hides; 0 of bare soil on a day, 1 where the season stands for the day.
-    field_part, date_part, mean_part : float64 array (n_categories,)
-        Standard deviation from field to field, of the whole category from date to date, and of its mean about that of a
-        given ground, as parts of the reflectivity 1 - e, 0 to 1.
-    channel_correlation : float64 array (n_categories,)
-        Correlation of the draws of H and V at grazing; at nadir, where both see the same, it is 1 (`seen_at`).
-    mean_sd : float64 array (n_categories,)
-        Standard deviation of the mean in emissivity, at nadir and `REFERENCE_MOISTURE` [1].
-    status, notes : tuple of str
-        What each category rests on; sources and assumptions.
-    """
+    """Emissivity of some categories for one polarization."""
 
     categories: tuple[str, ...]
+
     emissivity: FloatArray
+    """(n_categories, n_moistures, 91): on `MOISTURE_NODES`, or with one node only if nothing here depends on moisture,
+    and at `THETA_DEG` [1]."""
     moist: BoolArray
+    """(n_categories,): whether the category depends on soil moisture."""
     heating: FloatArray
+    """(n_categories,): share of the sun's heating."""
     closed: FloatArray
+    """(n_categories,): share of the soil that a category hides; 0 of bare soil on a day, 1 where the season stands for
+    the day."""
     field_part: FloatArray
     date_part: FloatArray
     mean_part: FloatArray
+    """(n_categories,): standard deviation from field to field, of the whole category from date to date, and of its mean
+    about that of a given ground, as parts of the reflectivity 1 - e, 0 to 1."""
     channel_correlation: FloatArray
+    """(n_categories,): correlation of the draws of H and V at grazing; at nadir, where both see the same, it is 1
+    (`seen_at`)."""
     mean_sd: FloatArray
+    """(n_categories,): standard deviation of the mean in emissivity, at nadir and `REFERENCE_MOISTURE` [1]."""
     status: tuple[str, ...]
     notes: tuple[str, ...]
+    """What each category rests on; sources and assumptions."""
 
     def seen_at(self, squared_sine: float) -> EmissivityLookup:
         """The same with the correlation of H and V at a look angle, told by the square of its sine."""
@@ -195,36 +178,24 @@ def _whole_degrees(theta_deg: ArrayLike) -> tuple[IntArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmissivityTable:
-    """All categories; made by `load_emissivity_table`.
-
-    Attributes
-    ----------
-    curves : Mapping
-        Curve by category.
-    models : Mapping
-        `GroundModel` by category.
-    spread : Mapping
-        (field sd, date sd, channel correlation) by category; in emissivity, at nadir.
-    file : str
-        The user's file, or "".
-    mean_sd : Mapping
-        Standard deviation of the mean that a user states, by category; likewise.
-    mixes : Mapping
-        Shares of other categories, by category, of those that have no curve of their own.
-    world : World or None
-        The world whose means are looked up; None: the table's own.
-    calendar : Calendar
-        Of the ground.
-    """
+    """All categories; made by `load_emissivity_table`."""
 
     curves: Mapping[str, EmissivityCurve]
+    """Curve by category."""
     models: Mapping[str, GroundModel]
+    """`GroundModel` by category."""
     spread: Mapping[str, tuple[float, float, float]]
+    """(field sd, date sd, channel correlation) by category; in emissivity, at nadir."""
     file: str = ""
+    """The user's file, or ""."""
     mean_sd: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of the mean that a user states, by category; likewise."""
     mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Shares of other categories, by category, of those that have no curve of their own."""
     world: World | None = None
+    """The world whose means are looked up; None: the table's own."""
     calendar: Calendar = SHIPPED
+    """Of the ground."""
 
     def in_world(self, world: World | None) -> EmissivityTable:
         """The table with its means and field spreads as a world has them; None: as they stand."""

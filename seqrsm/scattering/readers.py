@@ -48,21 +48,14 @@ def unknown_covers(quantity: str, known: Sequence[str], file: str, names: Iterab
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of a table.
-
-    Attributes
-    ----------
-    file : str
-        Name of the file.
-    line : int
-        1-based line number.
-    cells : Mapping[str, str]
-        Text by column.
-    """
+    """One line of a table."""
 
     file: str
+    """Name of the file."""
     line: int
+    """1-based line number."""
     cells: Mapping[str, str]
+    """Text by column."""
 
     def text(self, column: str) -> str:
         """Text of a column, "" if the table lacks it."""

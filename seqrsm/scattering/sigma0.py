@@ -65,49 +65,36 @@ _ABOVE_SNOW: Final = ("Trees", "Buildings")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sigma0Lookup:
-    """Backscatter of some categories for one channel.
-
-    Attributes
-    ----------
-    categories : tuple of str
-        The categories asked for.
-    theta_deg : float64 array (91,)
-        Incidence angles 0, 1, ..., 90 [deg].
-    sigma0 : float64 array (n_categories, 91)
-        Mean backscatter coefficient, linear [1].
-    field_sd_db, date_sd_db : float64 arrays (n_categories,)
-        Standard deviation from field to field, and from date to date common to all fields of the category [dB].
-    mean_sd_db : float64 array (n_categories,)
-        Standard deviation of the mean about that of a given ground [dB], interpolation in frequency included.
-    channel_correlation : float
-        Correlation of the field-to-field draws of two channels.
-    roughness_share : float64 array (n_categories,)
-        Part of the standard deviation from field to field that is owed to roughness, at 40 deg; 0 but for bare soil.
-    closed : float64 array (n_categories,)
-        Share of the soil that is hidden; what is not, or is under snow, departs as bare soil does.
-    nadir_sd_db : float64 array (n_categories,)
-        As ``field_sd_db`` without roughness, at nadir, where HH and VV have the mean of both.
-    course : Course or None
-        How the categories go through the year, where a day was asked for.
-    status : tuple of str
-        What each category rests on.
-    notes : tuple of str
-        Every source and assumption used, one a line.
-    """
+    """Backscatter of some categories for one channel."""
 
     categories: tuple[str, ...]
+    """The categories asked for."""
     theta_deg: FloatArray
+    """(91,): incidence angles 0, 1, ..., 90 [deg]."""
     sigma0: FloatArray
+    """(n_categories, 91): mean backscatter coefficient, linear [1]."""
     field_sd_db: FloatArray
     date_sd_db: FloatArray
+    """(n_categories,): standard deviation from field to field, and from date to date common to all fields of the
+    category [dB]."""
     mean_sd_db: FloatArray
+    """(n_categories,): standard deviation of the mean about that of a given ground [dB], interpolation in frequency
+    included."""
     channel_correlation: float
+    """Correlation of the field-to-field draws of two channels."""
     status: tuple[str, ...]
+    """What each category rests on."""
     notes: tuple[str, ...]
+    """Every source and assumption used, one a line."""
     roughness_share: FloatArray
+    """(n_categories,): part of the standard deviation from field to field that is owed to roughness, at 40 deg; 0 but
+    for bare soil."""
     closed: FloatArray
+    """(n_categories,): share of the soil that is hidden; what is not, or is under snow, departs as bare soil does."""
     nadir_sd_db: FloatArray
+    """(n_categories,): as ``field_sd_db`` without roughness, at nadir, where HH and VV have the mean of both."""
     course: Course | None = None
+    """How the categories go through the year, where a day was asked for."""
 
     def of_fields_db(self, theta_deg: float) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n_categories,) between fields at an incidence angle [deg] that add in squares [dB].
@@ -123,33 +110,22 @@ class Sigma0Lookup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sigma0Table:
-    """All curves and variabilities; made by `load_sigma0_table`.
-
-    Attributes
-    ----------
-    curves : Mapping
-        Curve by (category, season).
-    variability : Mapping
-        Variability by (category, polarization).
-    channel_correlation : float
-        Correlation of the field-to-field draws of two channels.
-    file : str
-        The user's file, or "" for the shipped table.
-    relations : Mapping
-        How HH and VV of the user's categories are related, where the file says so.
-    world : World or None
-        The world whose means are looked up; None: the table's own.
-    calendar : Calendar
-        Of the ground.
-    """
+    """All curves and variabilities; made by `load_sigma0_table`."""
 
     curves: Mapping[tuple[str, str], Curve]
+    """Curve by (category, season)."""
     variability: Mapping[tuple[str, str], Variability]
+    """Variability by (category, polarization)."""
     channel_correlation: float
+    """Correlation of the field-to-field draws of two channels."""
     file: str = ""
+    """The user's file, or "" for the shipped table."""
     relations: Mapping[str, Sequence[Relation]] = field(default_factory=dict)
+    """How HH and VV of the user's categories are related, where the file says so."""
     world: World | None = None
+    """The world whose means are looked up; None: the table's own."""
     calendar: Calendar = SHIPPED
+    """Of the ground."""
 
     def in_world(self, world: World | None) -> Sigma0Table:
         """The table with its means and field spreads as a world has them; None: as they stand."""

@@ -28,21 +28,14 @@ _UNKNOWN_SD_DB: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Variability:
-    """Natural variability of one category at one polarization.
-
-    Attributes
-    ----------
-    field_sd_db : tuple of float
-        Standard deviation from field to field on one date in L band and below, and in C band and above [dB].
-    date_sd_db : float
-        Standard deviation from date to date, common to all fields [dB].
-    note : str
-        Status of both.
-    """
+    """Natural variability of one category at one polarization."""
 
     field_sd_db: tuple[float, float]
+    """Standard deviation from field to field on one date in L band and below, and in C band and above [dB]."""
     date_sd_db: float
+    """Standard deviation from date to date, common to all fields [dB]."""
     note: str
+    """Status of both."""
 
 
 UNKNOWN: Final = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
@@ -51,30 +44,20 @@ UNKNOWN: Final = Variability((_UNKNOWN_SD_DB,) * 2, 0.0, f"field sd {_UNKNOWN_SD
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldSpread:
-    """How fields of some covers differ in a look-up.
-
-    Attributes
-    ----------
-    variability : Mapping
-        By (category, polarization); a cover without one of a channel there has that of the channel looked up.
-    names : sequence of str
-        The covers.
-    frequency_ghz : float
-    soil : bool array (n_categories,)
-        Covers that are bare soil.
-    own_share : float64 array (n_categories,)
-        Part of a cover that spreads as it does; the rest as bare fields do.
-    dated : bool
-        On a day of the year.
-    world : World or None
-    """
+    """How fields of some covers differ in a look-up."""
 
     variability: Mapping[tuple[str, str], Variability]
+    """By (category, polarization); a cover without one of a channel there has that of the channel looked up."""
     names: Sequence[str]
+    """The covers."""
     frequency_ghz: float
+
     soil: BoolArray
+    """(n_categories,): covers that are bare soil."""
     own_share: FloatArray
+    """(n_categories,): part of a cover that spreads as it does; the rest as bare fields do."""
     dated: bool
+    """On a day of the year."""
     world: World | None
 
     def spread_db(self, channel: str, among: str = "") -> tuple[FloatArray, FloatArray]:

@@ -57,19 +57,13 @@ _FULL_APART_DEG: Final = 40.0
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """One draw of everything that the tables do not know; the same seed and number give the same world.
-
-    Attributes
-    ----------
-    seed, number : int
-        Of the campaign, and of the world in it.
-    elsewhere : tuple of str
-        Covers whose own parts, which they share with no other, are as in another world.
-    """
+    """One draw of everything that the tables do not know; the same seed and number give the same world."""
 
     seed: int
     number: int
+    """Of the campaign, and of the world in it."""
     elsewhere: tuple[str, ...] = ()
+    """Covers whose own parts, which they share with no other, are as in another world."""
 
     def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
         """Standard normal departure (91,) of a cover's mean at incidence angles 0, 1, ..., 90 degrees.

@@ -29,33 +29,23 @@ _WHITE_IS_ZERO, _RGB = 0, 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raster:
-    """One layer of a GeoTIFF.
-
-    Attributes
-    ----------
-    values : array (rows, cols)
-        Row 0 in the north.
-    left, top : float
-        Outer corner of the first cell [m].
-    step_x, step_y : float
-        Size of a cell [m], both > 0.
-    epsg : int or None
-        Code of the projected coordinate system.
-    nodata : float or None
-        Value that stands for none.
-    scale, offset : float
-        A number of the file times ``scale`` plus ``offset`` is what is meant; codes do without.
-    """
+    """One layer of a GeoTIFF."""
 
     values: AnyArray
+    """(rows, cols): row 0 in the north."""
     left: float
     top: float
+    """Outer corner of the first cell [m]."""
     step_x: float
     step_y: float
+    """Size of a cell [m], both > 0."""
     epsg: int | None
+    """Code of the projected coordinate system."""
     nodata: float | None
+    """Value that stands for none."""
     scale: float = 1.0
     offset: float = 0.0
+    """A number of the file times ``scale`` plus ``offset`` is what is meant; codes do without."""
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

@@ -32,33 +32,6 @@ _STATES = {
 class Scene:
     """Ground-truth data base on a square grid; row 0 lies in the north, column 0 in the west.
 
-    Attributes
-    ----------
-    elevation_m : float32 array (rows, cols)
-        Height of the ground [m]; nan where it is not known.
-    cover : uint8 array (rows, cols)
-        Index into ``categories``; 255 where the category is not known.
-    categories : tuple of str
-        Names of the cover categories, as in the scattering table.
-    field_id : int32 array (rows, cols)
-        Number >= 0 of the field, stand or patch a cell belongs to: one category, one draw of natural variability.
-    scored : bool array (rows, cols)
-        True where the cell's category is ground truth that a classifier is scored on.
-    cell_m : float
-        Side of a cell [m].
-    epsg : int or None
-        Code of the projected coordinate system.
-    bounds : tuple of float or None
-        Left, bottom, right, top [m].
-    name, licence, provenance : str
-        What it is, under which terms, and how it was made.
-    category_notes : Mapping[str, str]
-        Remark on a category, for instance that it was drawn and not observed.
-    temperature_k : float32 array (rows, cols) or None
-        Physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this data base.
-    soil_moisture : float32 array (rows, cols) or None
-        Volumetric moisture of the soil [m3/m3], 0 to 0.6, known in every valid cell; None: the same everywhere.
-
     Raises
     ------
     SceneError
@@ -66,19 +39,34 @@ class Scene:
     """
 
     elevation_m: Float32Array
+    """(rows, cols): height of the ground [m]; nan where it is not known."""
     cover: NDArray[np.uint8]
+    """(rows, cols): index into ``categories``; 255 where the category is not known."""
     categories: tuple[str, ...]
+    """Names of the cover categories, as in the scattering table."""
     field_id: NDArray[np.int32]
+    """(rows, cols): number >= 0 of the field, stand or patch a cell belongs to: one category, one draw of natural
+    variability."""
     scored: BoolArray
+    """(rows, cols): True where the cell's category is ground truth that a classifier is scored on."""
     cell_m: float
+    """Side of a cell [m]."""
     epsg: int | None = None
+    """Code of the projected coordinate system."""
     bounds: tuple[float, float, float, float] | None = None
+    """Left, bottom, right, top [m]."""
     name: str = ""
     licence: str = ""
     provenance: str = ""
+    """What it is, under which terms, and how it was made."""
     category_notes: Mapping[str, str] = field(default_factory=dict)
+    """Remark on a category, for instance that it was drawn and not observed."""
     temperature_k: Float32Array | None = None
+    """(rows, cols): physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this
+    data base."""
     soil_moisture: Float32Array | None = None
+    """(rows, cols): volumetric moisture of the soil [m3/m3], 0 to 0.6, known in every valid cell; None: the same
+    everywhere."""
 
     def __post_init__(self) -> None:
         problems = [*_layer_problems(self), *_grid_problems(self)]

@@ -14,32 +14,22 @@ from seqrsm.scene.terrain import known_slopes, rms_slope, strips
 
 @dataclass(frozen=True, slots=True)
 class SceneStatistics:
-    """Statistics of a scene.
-
-    Attributes
-    ----------
-    low_m, high_m : float
-        Lowest and highest known elevation [m].
-    rms_slope, max_slope : float
-        Root-mean-square and largest slope along one axis [1].
-    category_fractions : Mapping[str, float]
-        Share of each category among the cells whose category is known.
-    scored_fraction : float
-        Share of the cells that are scored.
-    n_fields : int
-        Fields that hold at least one cell of a known category.
-    median_field_m2 : float
-        Median area of a field, each field weighted by its area [m^2].
-    """
+    """Statistics of a scene."""
 
     low_m: float
     high_m: float
+    """Lowest and highest known elevation [m]."""
     rms_slope: float
     max_slope: float
+    """Root-mean-square and largest slope along one axis [1]."""
     category_fractions: Mapping[str, float]
+    """Share of each category among the cells whose category is known."""
     scored_fraction: float
+    """Share of the cells that are scored."""
     n_fields: int
+    """Fields that hold at least one cell of a known category."""
     median_field_m2: float
+    """Median area of a field, each field weighted by its area [m^2]."""
 
 
 def scene_statistics(scene: Scene) -> SceneStatistics:

@@ -21,18 +21,12 @@ _FORWARD: Final = 0.85  # asymmetry of what they scatter of sunlight
 
 @dataclass(frozen=True, slots=True)
 class Sun:
-    """Place of the sun.
-
-    Attributes
-    ----------
-    elevation_deg : float
-        Above the horizon [deg], negative at night.
-    azimuth_deg : float
-        From north over east [deg].
-    """
+    """Place of the sun."""
 
     elevation_deg: float
+    """Above the horizon [deg], negative at night."""
     azimuth_deg: float
+    """From north over east [deg]."""
 
 
 def sun_position(latitude_deg: float, day_of_year: float, hour: float) -> Sun:

@@ -34,38 +34,29 @@ from seqrsm.simulate.visits import YEAR_DAYS, region_spread
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedGround:
-    """The ground of each footprint, as maps of covers and elevations and a weather service would tell it.
-
-    Attributes
-    ----------
-    share : float64 array (n_samples, n_lines, n_categories)
-        Of each cover in a footprint, by a Gaussian beam; 0 of all where no cell is.
-    temperature_k : float64 array (n_samples, n_lines)
-        Physical temperature [K], without what the date and the fields add.
-    angle_deg : float64 array (n_samples, n_lines)
-        Mean angle from the normal of the ground at which it is seen [deg].
-    lookups : list of EmissivityLookup
-        The table's own means, one for each channel; on a day, over all days by which years and fields may be late.
-    of_fields, of_years : float64 array (n_channels, n_channels, n_categories, n_moistures, 91)
-        Covariance of what channels reflect of fields, and of all fields of a cover, as they and their year are late.
-    air : float64 array (3, n_samples)
-        Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K].
-    planck_k : float
-        As of `seqrsm.simulate.radiometer.prm.Meeting`.
-    footprints_a_piece : float
-        Footprints of a square of `BLOCK_M` that see one and the same field, 1 at least, of the field at a cell taken at
-        random.
-    """
+    """The ground of each footprint, as maps of covers and elevations and a weather service would tell it."""
 
     share: FloatArray
+    """(n_samples, n_lines, n_categories): of each cover in a footprint, by a Gaussian beam; 0 of all where no cell
+    is."""
     temperature_k: FloatArray
+    """(n_samples, n_lines): physical temperature [K], without what the date and the fields add."""
     angle_deg: FloatArray
+    """(n_samples, n_lines): mean angle from the normal of the ground at which it is seen [deg]."""
     lookups: list[EmissivityLookup]
+    """The table's own means, one for each channel; on a day, over all days by which years and fields may be late."""
     of_fields: FloatArray
     of_years: FloatArray
+    """(n_channels, n_channels, n_categories, n_moistures, 91): covariance of what channels reflect of fields, and of
+    all fields of a cover, as they and their year are late."""
     air: FloatArray
+    """(3, n_samples): emission [K] and transmission [1] of the air below the antenna, and the sky that the ground
+    reflects [K]."""
     planck_k: float
+    """As of `seqrsm.simulate.radiometer.prm.Meeting`."""
     footprints_a_piece: float
+    """Footprints of a square of `BLOCK_M` that see one and the same field, 1 at least, of the field at a cell taken at
+    random."""
 
 
 def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> ExpectedGround:

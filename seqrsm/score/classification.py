@@ -29,57 +29,39 @@ ENDS: Final = ("guess", "perfect")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UtilityScore:
-    """One value of a utility measure.
-
-    Attributes
-    ----------
-    value : float
-        In the unit of the utility, such as percent of scored cells classified correctly.
-    se : float
-        Standard error of `value` over pieces of ground within this run, the same unit; nan with fewer than two tiles, 0
-        where the measure tells none. The spread between runs is larger: it also holds the occasion.
-    guess, perfect : float
-        What a guess that looks at nothing would score, and perfect data, on the same ground; nan where not known.
-    n_cells : int
-        Scored cells.
-    n_clusters : int
-        Tiles with scored cells.
-    confusion : array (n_classes, n_classes)
-        Cells of class (row) that were given class (column), on average where names are drawn by lot; empty where the
-        measure names no classes.
-    details : dict
-        What else is known, by name. Of a classification ``per_class_percent``: share correct by class.
-    """
+    """One value of a utility measure."""
 
     value: float
+    """In the unit of the utility, such as percent of scored cells classified correctly."""
     se: float = 0.0
+    """Standard error of `value` over pieces of ground within this run, the same unit; nan with fewer than two tiles, 0
+    where the measure tells none. The spread between runs is larger: it also holds the occasion."""
     guess: float = math.nan
     perfect: float = math.nan
+    """What a guess that looks at nothing would score, and perfect data, on the same ground; nan where not known."""
     n_cells: int = 0
+    """Scored cells."""
     n_clusters: int = 0
+    """Tiles with scored cells."""
     confusion: AnyArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    """(n_classes, n_classes): cells of class (row) that were given class (column), on average where names are drawn by
+    lot; empty where the measure names no classes."""
     details: dict[str, object] = field(default_factory=dict)
+    """What else is known, by name. Of a classification ``per_class_percent``: share correct by class."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taught:
-    """What the halves of the tiles teach.
-
-    Attributes
-    ----------
-    seen : bool array (n_tiles,)
-        Tiles that hold scored cells.
-    half : int64 array (n_tiles,)
-    laws : tuple of float64 array
-        Centres, scales and constants of the classes' laws, by the half that they test.
-    trust : tuple of float
-        Power of what a label of a map that is there already says, by the half that it tests.
-    """
+    """What the halves of the tiles teach."""
 
     seen: AnyArray
+    """(n_tiles,): tiles that hold scored cells."""
     half: IntArray
+    """(n_tiles,)."""
     laws: tuple[FloatArray, FloatArray, FloatArray]
+    """Centres, scales and constants of the classes' laws, by the half that they test."""
     trust: tuple[float, float] = (1.0, 1.0)
+    """Power of what a label of a map that is there already says, by the half that it tests."""
 
 
 def taught(evidence: Evidence) -> Taught:

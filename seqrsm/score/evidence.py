@@ -35,37 +35,25 @@ _SOME = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What is known of each unit of ground.
-
-    Attributes
-    ----------
-    features : float64 array (d, n)
-        The covariates, then decibels of radars and brightness of radiometers [K].
-    counts : int array (n, n_classes)
-        Scored cells of each class in each unit.
-    tile, keys
-        As of `Pixels`.
-    covariates : int
-        So many of the first features are no evidence of a class: squares of look angles.
-    teaching : array (n, n_classes)
-        Cells with which a unit teaches each class; of fine pixels those in the resolution cell.
-    label : int64 array (n,) or None
-        Label of each unit in a map that is there already, by which units are divided; None without one.
-    log_share : float64 array (n_labels, n_classes)
-        What each label says for each class, see `seqrsm.score.known_map`.
-    seen : bool array (n_tiles,) or None
-        As of `Pixels`, where it is known already; else ``counts`` tell.
-    """
+    """What is known of each unit of ground."""
 
     features: FloatArray
+    """(d, n): the covariates, then decibels of radars and brightness of radiometers [K]."""
     counts: AnyArray
+    """(n, n_classes): scored cells of each class in each unit."""
     tile: IntArray
     keys: FloatArray
+    """As of `Pixels`."""
     covariates: int
+    """So many of the first features are no evidence of a class: squares of look angles."""
     teaching: AnyArray
+    """(n, n_classes): cells with which a unit teaches each class; of fine pixels those in the resolution cell."""
     label: IntArray | None = None
+    """(n,): label of each unit in a map that is there already, by which units are divided; None without one."""
     log_share: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+    """(n_labels, n_classes): what each label says for each class, see `seqrsm.score.known_map`."""
     seen: BoolArray | None = None
+    """(n_tiles,): as of `Pixels`, where it is known already; else ``counts`` tell."""
 
 
 def evidence_of(

@@ -27,69 +27,47 @@ _NO_SETTINGS = "Give them, or remove a line of means, totals or units; units go 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredScore:
-    """One row of the file.
-
-    Attributes
-    ----------
-    line : int
-        1-based line of the file on which the row begins.
-    run_id : int or None
-        The proposal that the row carries out.
-    application : str
-        Name of the application.
-    settings : dict
-        Executed settings in the factors' own units, by factor name.
-    score, se : float, float or None
-        In score units; of a percentage with ``n`` and ``correct`` they are computed from the counts when not given.
-    n, correct : int or None
-        Binomial counts.
-    block, source, date, note : str
-        As written, "" where the file is silent.
-    metadata : dict
-        Every other column, as written.
-    """
+    """One row of the file."""
 
     line: int
+    """1-based line of the file on which the row begins."""
     run_id: int | None
+    """The proposal that the row carries out."""
     application: str
+    """Name of the application."""
     settings: dict[str, float | str]
+    """Executed settings in the factors' own units, by factor name."""
     score: float
     se: float | None
+    """In score units; of a percentage with ``n`` and ``correct`` they are computed from the counts when not given."""
     n: int | None
     correct: int | None
+    """Binomial counts."""
     block: str = ""
     source: str = ""
     date: str = ""
     note: str = ""
+    """As written, "" where the file is silent."""
     metadata: dict[str, str] = field(default_factory=dict)
+    """Every other column, as written."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoresFile:
-    """A file that was read without errors.
-
-    Attributes
-    ----------
-    name : str
-        File name without its folder.
-    sha256 : str
-        Of the bytes.
-    scores : tuple of MeasuredScore
-        In the order of the file.
-    unscored : tuple of int
-        Lines whose score is still empty.
-    near : tuple of (str, str)
-        Columns of the user's own that are nearly named as one that has a meaning, and that.
-    bare : bool
-        It has run ids and no settings: those of the runs named are taken.
-    """
+    """A file that was read without errors."""
 
     name: str
+    """File name without its folder."""
     sha256: str
+    """Of the bytes."""
     scores: tuple[MeasuredScore, ...]
+    """In the order of the file."""
     unscored: tuple[int, ...]
+    """Lines whose score is still empty."""
     near: tuple[tuple[str, str], ...] = ()
+    """Columns of the user's own that are nearly named as one that has a meaning, and that."""
     bare: bool = False
+    """It has run ids and no settings: those of the runs named are taken."""
 
 
 def read_scores(

@@ -28,20 +28,14 @@ _NUMBERS = "Give counts or percent, 0 or more."
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownMap:
-    """How a map names the ground.
-
-    Attributes
-    ----------
-    labels : tuple of str
-    share : float64 array (n_classes, n_labels)
-        Share of each cover's ground that has each label; rows sum to 1.
-    key : int
-        Of what it names wrongly: the same for all images of one ground.
-    """
+    """How a map names the ground."""
 
     labels: tuple[str, ...]
+
     share: FloatArray
+    """(n_classes, n_labels): share of each cover's ground that has each label; rows sum to 1."""
     key: int = 0
+    """Of what it names wrongly: the same for all images of one ground."""
 
     @property
     def log_share(self) -> FloatArray:

@@ -34,36 +34,25 @@ other."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pixels:
-    """The pixels of an image, and the ground in them.
-
-    Attributes
-    ----------
-    pixel : int32 array (rows, columns)
-        Of each cell of the scene; -1 for none.
-    counts : int32 array (n_pixels, n_classes)
-        Scored cells of each class.
-    field : int32 array (n_pixels,)
-        Field that all scored cells of a pixel belong to; -1 where it has none, -2 where it has several.
-    tile : int64 array (n_pixels,)
-    seen : bool array (n_tiles,)
-        Tiles that hold a scored cell.
-    keys : float64 array (n_tiles,)
-        See `seqrsm.score.classification.halves`.
-    side_m : float
-        Side of a tile [m].
-    dark : callable
-        Gives which pixels of a radar (n_pixels,) have more than half of their scored cells in shadow; made when asked
-        for, and once.
-    """
+    """The pixels of an image, and the ground in them."""
 
     pixel: AnyArray
+    """(rows, columns): of each cell of the scene; -1 for none."""
     counts: AnyArray
+    """(n_pixels, n_classes): scored cells of each class."""
     field: AnyArray
+    """(n_pixels,): field that all scored cells of a pixel belong to; -1 where it has none, -2 where it has several."""
     tile: IntArray
+    """(n_pixels,)."""
     seen: BoolArray
+    """(n_tiles,): tiles that hold a scored cell."""
     keys: FloatArray
+    """(n_tiles,): see `seqrsm.score.classification.halves`."""
     side_m: float
+    """Side of a tile [m]."""
     dark: Callable[[], BoolArray]
+    """Gives which pixels of a radar (n_pixels,) have more than half of their scored cells in shadow; made when asked
+    for, and once."""
 
 
 def pixels_of(images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> Pixels:

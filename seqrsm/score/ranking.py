@@ -50,18 +50,12 @@ _WEIGHT = 0.125 * np.exp(_V - _T)
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """One interpreter's order of some images.
-
-    Attributes
-    ----------
-    interpreter : int
-        Index of the interpreter.
-    groups : tuple of tuple of int
-        Indices of the images, the best first; images ranked equal stand in one group.
-    """
+    """One interpreter's order of some images."""
 
     interpreter: int
+    """Index of the interpreter."""
     groups: tuple[tuple[int, ...], ...]
+    """Indices of the images, the best first; images ranked equal stand in one group."""
 
     @classmethod
     def of(cls, interpreter: int, images: Sequence[int], ranks: Sequence[float]) -> Ranking:
@@ -75,26 +69,18 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class RankingFit:
-    """Scores of images and effects of interpreters.
-
-    Attributes
-    ----------
-    scores, se : ndarray (n,)
-        theta and its standard error [logit]; the scores have mean zero.
-    covariance : ndarray (n, n)
-        Of the scores; its rows add up to zero.
-    sharpness, sharpness_log_se : ndarray (m,)
-        kappa of each interpreter (geometric mean 1), and the standard error of its logarithm.
-    agreement : ndarray (m,)
-        Kendall's tau-b between each interpreter's rankings and the scores; nan where it is undefined.
-    """
+    """Scores of images and effects of interpreters."""
 
     scores: FloatArray
     se: FloatArray
+    """(n,): theta and its standard error [logit]; the scores have mean zero."""
     covariance: FloatArray
+    """(n, n): of the scores; its rows add up to zero."""
     sharpness: FloatArray
     sharpness_log_se: FloatArray
+    """(m,): kappa of each interpreter (geometric mean 1), and the standard error of its logarithm."""
     agreement: FloatArray
+    """(m,): Kendall's tau-b between each interpreter's rankings and the scores; nan where it is undefined."""
 
     @property
     def scale_se(self) -> float:

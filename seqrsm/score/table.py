@@ -142,26 +142,18 @@ _SAVE_AS = "Save it as CSV in UTF-8; spreadsheets call it 'CSV UTF-8'."
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Cells as written.
-
-    Attributes
-    ----------
-    name : str
-        Of the file, for messages.
-    delimiter : str
-        "," or ";" or tab or "|".
-    header_line : int
-        1-based line of the header.
-    header : tuple of str
-    rows : tuple of (int, tuple of str)
-        First line and cells of each row that is not blank.
-    """
+    """Cells as written."""
 
     name: str
+    """Of the file, for messages."""
     delimiter: str
+    """One of ",", ";", tab and "|"."""
     header_line: int
+    """1-based line of the header."""
     header: tuple[str, ...]
+
     rows: tuple[tuple[int, tuple[str, ...]], ...]
+    """First line and cells of each row that is not blank."""
 
 
 def read_table(name: str, data: bytes, is_known: Callable[[str], bool]) -> Table:

@@ -21,40 +21,27 @@ UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "segment", "field")
 
 @dataclass(frozen=True, slots=True)
 class Utility:
-    """What a score measures.
-
-    Attributes
-    ----------
-    words : str
-        What it is, in a line.
-    unit : str
-        Of the scores; "" where they have none.
-    least, most : float
-        Ends that no score can leave; infinite where there are none.
-    is_percent : bool
-        Scores are percentages from 0 to 100.
-    is_error : bool
-        Scores are errors, which are made small.
-    function : str
-        "module:function" that scores images of either engine; "" of what is measured only.
-    classifies : bool
-        It names covers, by a unit of ground.
-    of_covers : bool
-        It is about certain covers, which must be named.
-    of_one_kind : bool
-        On each date radars see it, or one radiometer: no combination.
-    """
+    """What a score measures."""
 
     words: str = ""
+    """What it is, in a line."""
     unit: str = ""
+    """Of the scores; "" where they have none."""
     least: float = -math.inf
     most: float = math.inf
+    """Ends that no score can leave; infinite where there are none."""
     is_percent: bool = False
+    """Scores are percentages from 0 to 100."""
     is_error: bool = False
+    """Scores are errors, which are made small."""
     function: str = ""
+    """Function "module:function" that scores images of either engine; "" of what is measured only."""
     classifies: bool = False
+    """It names covers, by a unit of ground."""
     of_covers: bool = False
+    """It is about certain covers, which must be named."""
     of_one_kind: bool = False
+    """On each date radars see it, or one radiometer: no combination."""
 
 
 def _table() -> Mapping[str, Utility]:
@@ -77,21 +64,14 @@ OF_THE_USER: Final = Utility()
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """A utility as a campaign asks for it.
-
-    Attributes
-    ----------
-    name : str
-        Of `UTILITIES`.
-    covers : tuple of str
-        That it is about; empty for all.
-    by : str
-        Unit of ground, of `UNITS_OF_GROUND`.
-    """
+    """A utility as a campaign asks for it."""
 
     name: str
+    """Of `UTILITIES`."""
     covers: tuple[str, ...] = ()
+    """That it is about; empty for all."""
     by: str = "pixel"
+    """Unit of ground, of `UNITS_OF_GROUND`."""
 
     @property
     def row(self) -> Utility:

@@ -21,31 +21,21 @@ LOWEST_ORBIT_M: Final = 120e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeGeometry:
-    """What the ground range on the datum determines; every array has its shape.
-
-    Attributes
-    ----------
-    ground_range_m : float64 array
-        Arc on the datum from the point under the antenna [m].
-    slant_range_m : float64 array
-        From the antenna to the datum [m].
-    chord_m : float64 array
-        D, with slant range**2 = D**2 + height**2 [m]; the ground range itself on a plane.
-    chord_per_m : float64 array
-        Derivative of `chord_m` with respect to the ground range.
-    along_m, up_m : float64 array
-        Distance and height of the antenna along and over the local horizontal [m].
-    turn_rad : float64 array
-        Angle between the local vertical and that under the antenna [rad]; 0 on a plane.
-    """
+    """What the ground range on the datum determines; every array has its shape."""
 
     ground_range_m: FloatArray
+    """Arc on the datum from the point under the antenna [m]."""
     slant_range_m: FloatArray
+    """From the antenna to the datum [m]."""
     chord_m: FloatArray
+    """D, with slant range**2 = D**2 + height**2 [m]; the ground range itself on a plane."""
     chord_per_m: FloatArray
+    """Derivative of `chord_m` with respect to the ground range."""
     along_m: FloatArray
     up_m: FloatArray
+    """Distance and height of the antenna along and over the local horizontal [m]."""
     turn_rad: FloatArray
+    """Angle between the local vertical and that under the antenna [rad]; 0 on a plane."""
 
     @property
     def incidence_rad(self) -> FloatArray:

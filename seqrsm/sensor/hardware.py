@@ -28,20 +28,14 @@ _GAIN_MARGIN: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One rule.
-
-    Attributes
-    ----------
-    name : str
-    margin : float
-        What there is over what is needed; below 1 no such radar can be built.
-    text : str
-        The numbers.
-    """
+    """One rule."""
 
     name: str
+
     margin: float
+    """What there is over what is needed; below 1 no such radar can be built."""
     text: str
+    """The numbers."""
 
 
 def orbit_speed_m_s(altitude_m: float) -> float:

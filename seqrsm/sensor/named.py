@@ -49,38 +49,29 @@ Resting = Literal["seen", "derived", "recalled", "assumed"]
 
 @dataclass(frozen=True, slots=True)
 class NamedSensor:
-    """One mode of a radar, or one channel of a radiometer.
-
-    Attributes
-    ----------
-    name, mode : str
-        Such as "Sentinel-1" and "IW GRDH".
-    kind : {"sar", "radiometer"}
-    status : {"operating", "planned", "past"}
-    platform : {"satellite", "aircraft", "shuttle"}
-    channels : tuple of str
-        Sets of channels that it can record, one or another, such as "VV+VH".
-    values : Mapping
-        What is known, by the columns of the file, whose names tell the units.
-    derived, recalled : frozenset of str
-        Columns whose values were worked out, and those that were not checked at a source.
-    sources, notes : str
-    noise : tuple of (float, float, float)
-        Incidence [deg], and annotated noise-equivalent sigma0 of like and cross polarization [dB] there.
-    """
+    """One mode of a radar, or one channel of a radiometer."""
 
     name: str
     mode: str
+    """Such as "Sentinel-1" and "IW GRDH"."""
     kind: str
+    """Either "sar" or "radiometer"."""
     status: str
+    """One of "operating", "planned" and "past"."""
     platform: str
+    """One of "satellite", "aircraft" and "shuttle"."""
     channels: tuple[str, ...]
+    """Sets of channels that it can record, one or another, such as "VV+VH"."""
     values: Mapping[str, float]
+    """What is known, by the columns of the file, whose names tell the units."""
     derived: frozenset[str]
     recalled: frozenset[str]
+    """Columns whose values were worked out, and those that were not checked at a source."""
     sources: str
     notes: str
+
     noise: tuple[tuple[float, float, float], ...] = ()
+    """Incidence [deg], and annotated noise-equivalent sigma0 of like and cross polarization [dB] there."""
 
     @property
     def title(self) -> str:

@@ -26,48 +26,33 @@ Kind = Literal["number", "whole", "word", "channels", "pattern", "function", "fi
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a sensor.
-
-    Attributes
-    ----------
-    name : str
-        In ``campaign.toml``.
-    field : str
-        Of the configuration.
-    kind : {"number", "whole", "word", "channels", "pattern", "function", "file", "days"}
-        A number; a whole number; one of `levels`; some of `levels`, joined by "+"; points of an antenna pattern (see
-        `seqrsm.sensor.antenna.pattern_points`); one of `levels` or a function of the user's, "module:function"; the
-        path of a file; days of the year, joined by "+".
-    what : str
-        What it is, in a phrase.
-    unit : str
-        "" for a pure number, and where there is no number.
-    low, high : float
-        Least and largest value [`unit`].
-    levels : tuple of str
-        All that a word may be; the channels that there are; the functions that have a name.
-    values : tuple of float
-        All that a number may be which is not free between its limits [`unit`].
-    why_fixed : str
-        Why a campaign cannot vary it, "" where it can.
-    said : str
-        Its name in a report, "" for `name` without underscores and without the suffix that tells the unit.
-    part : str
-        Of `seqrsm.sensor.exchange.PROPERTIES`, that which it belongs to; "" for none.
-    """
+    """One parameter of a sensor."""
 
     name: str
+    """In ``campaign.toml``."""
     field: str
+    """Of the configuration."""
     kind: Kind
+    """A number; a whole number; one of `levels`; some of `levels`, joined by "+"; points of an antenna pattern (see
+    `seqrsm.sensor.antenna.pattern_points`); one of `levels` or a function of the user's, "module:function"; the path of
+    a file; days of the year, joined by "+"."""
     what: str
+    """What it is, in a phrase."""
     unit: str = ""
+    """Empty for a pure number, and where there is no number."""
     low: float = -math.inf
     high: float = math.inf
+    """Least and largest value [`unit`]."""
     levels: tuple[str, ...] = ()
+    """All that a word may be; the channels that there are; the functions that have a name."""
     values: tuple[float, ...] = ()
+    """All that a number may be which is not free between its limits [`unit`]."""
     why_fixed: str = ""
+    """Why a campaign cannot vary it, "" where it can."""
     said: str = ""
+    """Its name in a report, "" for `name` without underscores and without the suffix that tells the unit."""
     part: str = ""
+    """Of `seqrsm.sensor.exchange.PROPERTIES`, that which it belongs to; "" for none."""
 
     @property
     def numeric(self) -> bool:

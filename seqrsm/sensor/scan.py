@@ -39,57 +39,41 @@ _FAR_M: Final = 1e9  # a scene of 100 km is as wide from there as it is long, to
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanGeometry:
-    """The scan over one scene.
-
-    Attributes
-    ----------
-    height_m : float
-        Flight line above the mean ground [m].
-    from_m : float
-        Height from which the angles below are told [m]: `height_m`; for a conical scan so far off that footprints are
-        alike.
-    beamwidth_rad, half_angle_rad : float
-        Half-power beamwidth across the rows; reach of the sweep to either side [rad], inf for a conical scan.
-    sweep_advance_m, advance_m : float
-        Way flown from one sweep to the next, and from one line of the image to the next [m]; on a cone that from
-        footprint to footprint along the arc.
-    dwell_ms : float
-        Time in which the beam moves by its own width [ms].
-    smear : float
-        Way the beam moves while it integrates [beamwidths].
-    look_rad : float64 array (n_samples,)
-        Angle from the vertical at which each footprint of a line is seen, left edge first, nadir 0 [rad].
-    place_rad : float64 array (n_samples,)
-        Where they lie, as an angle at `from_m` [rad]: `look_rad` of a sweep.
-    step_rad : float
-        Between footprints [rad].
-    n_sweeps, sweeps_a_line, n_lines : int
-        Sweeps over the scene; sweeps averaged into one line of the image; lines.
-    along : FloatArray (n,)
-        Running integral of the beam along the track at steps of 1 / BEAM_STEPS_A_WIDTH from -reach to +reach.
-    across : FloatArray (m,)
-        The same across the rows; the one of the two in the direction of the sweep is spread by the smear.
-    notes : tuple of str
-        What the combination does: gaps, overlap, idle time, smear.
-    """
+    """The scan over one scene."""
 
     height_m: float
+    """Flight line above the mean ground [m]."""
     from_m: float
+    """Height from which the angles below are told [m]: `height_m`; for a conical scan so far off that footprints are
+    alike."""
     beamwidth_rad: float
     half_angle_rad: float
+    """Half-power beamwidth across the rows; reach of the sweep to either side [rad], inf for a conical scan."""
     sweep_advance_m: float
     advance_m: float
+    """Way flown from one sweep to the next, and from one line of the image to the next [m]; on a cone that from
+    footprint to footprint along the arc."""
     dwell_ms: float
+    """Time in which the beam moves by its own width [ms]."""
     smear: float
+    """Way the beam moves while it integrates [beamwidths]."""
     look_rad: FloatArray
+    """(n_samples,): angle from the vertical at which each footprint of a line is seen, left edge first, nadir 0
+    [rad]."""
     place_rad: FloatArray
+    """(n_samples,): where they lie, as an angle at `from_m` [rad]: `look_rad` of a sweep."""
     step_rad: float
+    """Between footprints [rad]."""
     n_sweeps: int
     sweeps_a_line: int
     n_lines: int
+    """Sweeps over the scene; sweeps averaged into one line of the image; lines."""
     along: FloatArray
+    """(n,): running integral of the beam along the track at steps of 1 / BEAM_STEPS_A_WIDTH from -reach to +reach."""
     across: FloatArray
+    """(m,): the same across the rows; the one of the two in the direction of the sweep is spread by the smear."""
     notes: tuple[str, ...]
+    """What the combination does: gaps, overlap, idle time, smear."""
 
 
 def scan_geometry(

@@ -40,17 +40,6 @@ Values = Mapping[str, float | str]
 class Dates:
     """When a sensor looks.
 
-    Attributes
-    ----------
-    dates : int
-        How many times.
-    first_day : float or None
-        Day of the year of the first, or on into the next (380 is its 15th); None: the season stands for it.
-    interval_days : float
-        Between one date and the next [d].
-    days : str
-        The days themselves, as in ``120+150+200``, in place of the three.
-
     Raises
     ------
     ConfigurationError
@@ -58,9 +47,13 @@ class Dates:
     """
 
     dates: int = 1
+    """How many times."""
     first_day: float | None = None
+    """Day of the year of the first, or on into the next (380 is its 15th); None: the season stands for it."""
     interval_days: float = 12.0
+    """Between one date and the next [d]."""
     days: str = ""
+    """The days themselves, as in ``120+150+200``, in place of the three."""
 
     def __post_init__(self) -> None:
         if self.days and (self.dates != 1 or self.first_day is not None):
@@ -95,22 +88,15 @@ def day_of_year(day: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One sensor of a set.
-
-    Attributes
-    ----------
-    name : str
-        "" where there is only one.
-    engine : str
-    settings, fixed : Mapping
-        Its parameters, those of the dates left out.
-    dates : Dates
-    """
+    """One sensor of a set."""
 
     name: str
+    """Empty where there is only one."""
     engine: str
+
     settings: Values
     fixed: Values
+    """Its parameters, those of the dates left out."""
     dates: Dates
 
 

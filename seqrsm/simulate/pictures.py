@@ -26,45 +26,33 @@ _LEAST_RATIO = {"dB": 4.0, "K": 1.02}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """An image as it is shown.
-
-    Attributes
-    ----------
-    channels : tuple of str
-    values : float64 array (n_channels, n, m)
-        Positive linear quantity: apparent sigma0, or antenna temperature [K]; nan or 0 where nothing is seen.
-    quantity, unit : str
-        What the values are, and the unit they are told in: "dB" (of the linear values) or "K".
-    pixel_m : float
-        Ground size of a pixel, at nadir for a radiometer [m].
-    n_bits : int
-        Bits of a grey tone.
-    pixel_of_cell : int array (rows, cols)
-        Pixel of each cell of the scene, -1 for none.
-    quarter_turns : int
-        ``numpy.rot90(scene layer, quarter_turns)`` has the picture's orientation.
-    remark : str
-        What a caption says of this image.
-    arrange : int array (height, width, points) or None
-        Pixels of `values` that each pixel shown looks at, where it is not shown as it is (plan-position indicator).
-    levels : unsigned int array, shape of `values`, or None
-        Grey tones of `n_bits` where the sensor says how they are made; None: as `greytones` finds good.
-    arrays : Mapping
-        Everything worth keeping in a file, names with units.
-    """
+    """An image as it is shown."""
 
     channels: tuple[str, ...]
+
     values: FloatArray
+    """(n_channels, n, m): positive linear quantity: apparent sigma0, or antenna temperature [K]; nan or 0 where nothing
+    is seen."""
     quantity: str
     unit: str
+    """What the values are, and the unit they are told in: "dB" (of the linear values) or "K"."""
     pixel_m: float
+    """Ground size of a pixel, at nadir for a radiometer [m]."""
     n_bits: int
+    """Bits of a grey tone."""
     pixel_of_cell: AnyArray
+    """(rows, cols): pixel of each cell of the scene, -1 for none."""
     quarter_turns: int
+    """``numpy.rot90(scene layer, quarter_turns)`` has the picture's orientation."""
     remark: str
+    """What a caption says of this image."""
     arrays: Mapping[str, Any]
+    """Everything worth keeping in a file, names with units."""
     arrange: IntArray | None = None
+    """(height, width, points): pixels of `values` that each pixel shown looks at, where it is not shown as it is
+    (plan-position indicator)."""
     levels: AnyArray | None = None
+    """As `values`: grey tones of `n_bits` where the sensor says how they are made; None: as `greytones` finds good."""
 
     def told(self) -> FloatArray:
         """The values in ``unit``."""

@@ -51,24 +51,16 @@ YEAR_DAYS: Final = 7.0
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """One meeting of a sensor with the ground, among all of its run.
-
-    Attributes
-    ----------
-    days : tuple of float
-        Days of all meetings of the run, rising, in the next year beyond 365; empty: one in the middle of the season.
-    number : int
-        Place of this one among them.
-    member : int
-        Number of the sensor among those of the run.
-    angles_deg : tuple of float
-        Incidence angles of the run's radars up to this one's own, rising [deg]; empty: no other looks more steeply.
-    """
+    """One meeting of a sensor with the ground, among all of its run."""
 
     days: tuple[float, ...] = ()
+    """Days of all meetings of the run, rising, in the next year beyond 365; empty: one in the middle of the season."""
     number: int = 0
+    """Place of this one among them."""
     member: int = 0
+    """Number of the sensor among those of the run."""
     angles_deg: tuple[float, ...] = ()
+    """Incidence angles of the run's radars up to this one's own, rising [deg]; empty: no other looks more steeply."""
 
     @property
     def day(self) -> float | None:

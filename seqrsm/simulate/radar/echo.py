@@ -38,35 +38,26 @@ def block(k: int, n_rows: int, parts: int) -> tuple[slice, slice]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EchoGrid:
-    """A frame, and the numbers of each of its rows that the kernels work with.
-
-    Attributes
-    ----------
-    frame : RadarFrame
-    geometry : float64 array (n, 10)
-        See `kernels.sum_echoes`.
-    rows : float64 array (n, 14)
-        From it, for loops in single precision: distances are in slant ranges of the datum, so that powers of them stay
-        within it.
-    base : float64 array (n + 2,)
-        Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
-    first, n_bins : int
-        First range bin that ground of the swath reaches, and the number of bins.
-    reference_range_m : float
-        Slant range of flat ground at the centre of the scene [m].
-    cells_a_pixel, n_azimuth : float, int
-        Azimuth cells in a pixel, and columns of pixels.
-    """
+    """A frame, and the numbers of each of its rows that the kernels work with."""
 
     frame: RadarFrame
+
     geometry: FloatArray
+    """(n, 10): see `kernels.sum_echoes`."""
     rows: FloatArray
+    """(n, 14): from it, for loops in single precision: distances are in slant ranges of the datum, so that powers of
+    them stay within it."""
     base: FloatArray
+    """(n + 2,): range position of flat ground in each row from the near edge of the swath [bins], one row more at both
+    ends."""
     first: int
     n_bins: int
+    """First range bin that ground of the swath reaches, and the number of bins."""
     reference_range_m: float
+    """Slant range of flat ground at the centre of the scene [m]."""
     cells_a_pixel: float
     n_azimuth: int
+    """Azimuth cells in a pixel, and columns of pixels."""
 
 
 def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:

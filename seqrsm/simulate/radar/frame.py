@@ -31,80 +31,55 @@ _SEED: Final = 1979
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameLayers:
-    """A scene's layers in the orientation of a heading, or on rings around the antenna, whatever the run.
-
-    Attributes
-    ----------
-    elevation_m : float array (rows, m)
-        Height above the datum, the scene's mean elevation [m]; gaps filled.
-    cover : uint8 array (rows, m)
-        Category; 255 where category or elevation is not known.
-    field : int32 array (rows, m)
-    mean_m, peak_m : float
-        Of the scene's elevations [m].
-    lowest_m, highest_m : float array (rows,)
-        Extremes of each row of `elevation_m` [m].
-    quarter_turns : int
-        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame, or nearly so for other headings.
-    cell_of_scene : int64 array (rows, cols) or None
-        Place of each cell of the scene in the layers, where they do not lie along its grid.
-    wrapped : int
-        Columns of a pixel of a plan-position indicator, else 0. Its columns go clockwise from north; the first and the
-        last so many repeat the other end, so that slopes and beams run over north without a seam.
-    """
+    """A scene's layers in the orientation of a heading, or on rings around the antenna, whatever the run."""
 
     elevation_m: AnyArray
+    """(rows, m): height above the datum, the scene's mean elevation [m]; gaps filled."""
     cover: AnyArray
+    """(rows, m): category; 255 where category or elevation is not known."""
     field: AnyArray
+    """(rows, m)."""
     mean_m: float
     peak_m: float
+    """Of the scene's elevations [m]."""
     lowest_m: AnyArray
     highest_m: AnyArray
+    """(rows,): extremes of each row of `elevation_m` [m]."""
     quarter_turns: int
+    """``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame, or nearly so for other headings."""
     cell_of_scene: IntArray | None
+    """(rows, cols): place of each cell of the scene in the layers, where they do not lie along its grid."""
     wrapped: int = 0
+    """Columns of a pixel of a plan-position indicator, else 0. Its columns go clockwise from north; the first and the
+    last so many repeat the other end, so that slopes and beams run over north without a seam."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RadarFrame(FrameLayers):
-    """A scene as one radar flies past it.
-
-    Attributes
-    ----------
-    top_m : float array (rows, m)
-        Height of the top of what stands on it [m]: trees and buildings; the same array where nothing does.
-    source : int64 array (n,)
-        Row of the layers that stands in each row of the frame; beyond the edges of the scene its mirror image.
-    ground_range_m : float64 array (n,)
-        Ground range of each row's centre [m].
-    height_m : float
-        Flight line above the datum [m].
-    cell_m : float
-        Side of a cell [m].
-    near_edge_m, centre_m : float
-        Ground range of the swath's near edge, and of the scene's centre [m].
-    pad_near, n_rows : int
-        Rows before the swath's own, and the number of those.
-    curved : bool
-        Whether the datum is a sphere.
-    edge_m : tuple of float
-        Medians of the elevations' rise where trees or buildings begin, and of the height of these [m].
-    column_m : float64 array (n,) or None
-        Distance between columns on each ring of a plan-position indicator [m]; None: `cell_m`.
-    """
+    """A scene as one radar flies past it."""
 
     top_m: AnyArray
+    """(rows, m): height of the top of what stands on it [m]: trees and buildings; the same array where nothing does."""
     source: IntArray
+    """(n,): row of the layers that stands in each row of the frame; beyond the edges of the scene its mirror image."""
     ground_range_m: FloatArray
+    """(n,): ground range of each row's centre [m]."""
     height_m: float
+    """Flight line above the datum [m]."""
     cell_m: float
+    """Side of a cell [m]."""
     near_edge_m: float
     centre_m: float
+    """Ground range of the swath's near edge, and of the scene's centre [m]."""
     pad_near: int
     n_rows: int
+    """Rows before the swath's own, and the number of those."""
     curved: bool
+    """Whether the datum is a sphere."""
     edge_m: tuple[float, float] = (0.0, 0.0)
+    """Medians of the elevations' rise where trees or buildings begin, and of the height of these [m]."""
     column_m: FloatArray | None = None
+    """(n,): distance between columns on each ring of a plan-position indicator [m]; None: `cell_m`."""
 
 
 @lru_cache(maxsize=6)

@@ -62,27 +62,18 @@ _YEAR_DB: Final = 1.0  # assumed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occasion:
-    """State of the ground in one run.
-
-    Attributes
-    ----------
-    soil_moisture : float
-        Volumetric moisture of bare soil [m3/m3].
-    wind_m_s : float
-        Wind speed over water [m/s].
-    class_offset_db : float64 array (n_layers, n_categories)
-        Departure of each class on this date from the table [dB].
-    field_offset_db : float64 array (n_layers, n_fields)
-        Departure of each field from its class [dB].
-    field_moisture : float64 array (n_fields,) or None
-        Soil moisture of each field [m3/m3]; None: that of the date, in all.
-    """
+    """State of the ground in one run."""
 
     soil_moisture: float
+    """Volumetric moisture of bare soil [m3/m3]."""
     wind_m_s: float
+    """Wind speed over water [m/s]."""
     class_offset_db: FloatArray
+    """(n_layers, n_categories): departure of each class on this date from the table [dB]."""
     field_offset_db: FloatArray
+    """(n_layers, n_fields): departure of each field from its class [dB]."""
     field_moisture: FloatArray | None = None
+    """(n_fields,): soil moisture of each field [m3/m3]; None: that of the date, in all."""
 
     def record(self, layers: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: all but the fields, whose spread stands for them; plain numbers and names."""

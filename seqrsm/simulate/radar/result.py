@@ -22,65 +22,47 @@ _POINTS: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarImage:
-    """Image of a radar, rows of range (near range first), columns along the flight, or of bearing clockwise from north.
-
-    Attributes
-    ----------
-    intensity : float array (n_channels, n_range, n_azimuth)
-        Received power of one look with receiver noise and fading, averaged over the looks, after M, Q and S [W].
-    mean_power : float array, same shape
-        Expectation of the ground's part of it [W].
-    noise_power_w : float64 array (n_range,)
-        Expectation of the receiver's part [W].
-    looks : float64 array (n_range,)
-        Independent samples N in a pixel.
-    calibration_w : float64 array (n_range,)
-        Power of one look from flat ground with sigma0 = 1 [W], eq. (3-20).
-    noise_equivalent_sigma0 : float64 array (n_range,)
-        sigma0 of flat ground that returns as much as the noise, linear.
-    slant_range_m, ground_range_m, incidence_angle_deg : float64 array (n_range,)
-        Of flat ground in the middle of the row [m, m, deg].
-    range_spacing_m, azimuth_spacing_m : float
-        Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
-        of its rectangular picture.
-    registration, state : callable
-        Give what `pixels_of_cells` and `state_of_cells` do; made when asked for, and once.
-    radar : RadarConfiguration
-    occasion : Occasion
-        State of the ground in this run.
-    quarter_turns : int
-        ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
-    cell_m, scene_shape : float, tuple of int
-        Side of a cell [m], rows and columns of the scene.
-    notes : tuple of str
-        Assumptions that went into the image.
-    table : Sigma0Table
-        That the ground was looked up in.
-    day : float or None
-        Day of the year, where the image has one.
-    """
+    """Radar image: rows of range (near range first), columns along the flight or of bearing clockwise from north."""
 
     intensity: AnyArray
+    """(n_channels, n_range, n_azimuth): received power of one look with receiver noise and fading, averaged over the
+    looks, after M, Q and S [W]."""
     mean_power: AnyArray
+    """As `intensity`: expectation of the ground's part of it [W]."""
     noise_power_w: FloatArray
+    """(n_range,): expectation of the receiver's part [W]."""
     looks: FloatArray
+    """(n_range,): independent samples N in a pixel."""
     calibration_w: FloatArray
+    """(n_range,): power of one look from flat ground with sigma0 = 1 [W], eq. (3-20)."""
     noise_equivalent_sigma0: FloatArray
+    """(n_range,): sigma0 of flat ground that returns as much as the noise, linear."""
     slant_range_m: FloatArray
     ground_range_m: FloatArray
     incidence_angle_deg: FloatArray
+    """(n_range,): of flat ground in the middle of the row [m, m, deg]."""
     range_spacing_m: float
     azimuth_spacing_m: float
+    """Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that of
+    its rectangular picture."""
     registration: Callable[[], AnyArray]
     state: Callable[[], AnyArray]
+    """Give what `pixels_of_cells` and `state_of_cells` do; made when asked for, and once."""
     radar: RadarConfiguration
+
     occasion: Occasion
+    """State of the ground in this run."""
     quarter_turns: int
+    """``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation."""
     cell_m: float
     scene_shape: tuple[int, int]
+    """Side of a cell [m], rows and columns of the scene."""
     notes: tuple[str, ...]
+    """Assumptions that went into the image."""
     table: Sigma0Table | None = None
+    """That the ground was looked up in."""
     day: float | None = None
+    """Day of the year, where the image has one."""
 
     @property
     def pixel_of_cell(self) -> AnyArray:

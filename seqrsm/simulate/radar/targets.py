@@ -31,19 +31,6 @@ _HEIGHTS_M: Final = (-100.0, 1000.0)  # from a ship in a lock to the tallest bui
 class CulturalTarget:
     """One man-made object.
 
-    Attributes
-    ----------
-    row, column : int
-        Cell of the scene it stands in.
-    cross_section_dbm2 : float
-        Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2], -120 to 120.
-    height_m : float
-        Of its scattering centre over the ground [m], -100 to 1000.
-    directions_deg : tuple of float
-        Bearings from true north in which it is specular, seen from the target [deg]; empty: isotropic.
-    lobe_deg : float
-        Half-power width of each lobe [deg], > 0.
-
     Raises
     ------
     SceneError
@@ -52,10 +39,15 @@ class CulturalTarget:
 
     row: int
     column: int
+    """Cell of the scene it stands in."""
     cross_section_dbm2: float
+    """Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2], -120 to 120."""
     height_m: float = 0.0
+    """Of its scattering centre over the ground [m], -100 to 1000."""
     directions_deg: tuple[float, ...] = ()
+    """Bearings from true north in which it is specular, seen from the target [deg]; empty: isotropic."""
     lobe_deg: float = 10.0
+    """Half-power width of each lobe [deg], > 0."""
 
     def __post_init__(self) -> None:
         numbers = (self.cross_section_dbm2, self.height_m, self.lobe_deg, *self.directions_deg)

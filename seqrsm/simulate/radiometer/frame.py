@@ -24,33 +24,24 @@ class RadiometerFrame:
     """A scene as the craft flies over its middle: rows across the track, left edge first, columns along it.
 
     Of a conical scan the rows follow each other in the direction of flight, in which it looks.
-
-    Attributes
-    ----------
-    elevation_m : float array (n, m)
-        Height above the datum, the scene's mean elevation [m]; gaps filled.
-    cover : uint8 array (n, m)
-        Category; 255 where category or elevation is not known.
-    field : int32 array (n, m)
-    across_m : float64 array (n,)
-        Distance of each row's centre from the middle, right positive [m].
-    away_m : float64 array (n,)
-        From how far it is seen [m]: `across_m` of a sweep; the same for every row on a cone.
-    height_m : float
-        Flight line above the datum [m].
-    cell_m : float
-    quarter_turns : int
-        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame.
     """
 
     elevation_m: AnyArray
+    """(n, m): height above the datum, the scene's mean elevation [m]; gaps filled."""
     cover: AnyArray
+    """(n, m): category; 255 where category or elevation is not known."""
     field: AnyArray
+    """(n, m)."""
     across_m: FloatArray
+    """(n,): distance of each row's centre from the middle, right positive [m]."""
     away_m: FloatArray
+    """(n,): from how far it is seen [m]: `across_m` of a sweep; the same for every row on a cone."""
     height_m: float
+    """Flight line above the datum [m]."""
     cell_m: float
+
     quarter_turns: int
+    """``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame."""
 
 
 def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, precision: str) -> RadiometerFrame:

@@ -38,24 +38,16 @@ _STAGE_DAYS: Final = 5.0  # to which early and late fields are rounded; twice as
 
 
 class Stages(NamedTuple):
-    """Categories as they stand on a date: a scene's own by the calendar, then again as early and late fields have them.
-
-    Attributes
-    ----------
-    categories : tuple of str
-        Names (n_stages).
-    day : float64 array (n_stages,) or None
-        Day of the year on which they are so by the calendar.
-    parent : int array (n_stages,)
-        Category of the scene.
-    of_field : uint8 array (n_fields,)
-        Stage of each field, 255 for none.
-    """
+    """Categories as they stand on a date: a scene's own by the calendar, then as early and late fields have them."""
 
     categories: tuple[str, ...]
+    """Names (n_stages)."""
     day: FloatArray | None
+    """(n_stages,): day of the year on which they are so by the calendar."""
     parent: IntArray
+    """(n_stages,): category of the scene."""
     of_field: AnyArray
+    """(n_fields,): stage of each field, 255 for none."""
 
     def of_cells(self, cover: AnyArray, field: AnyArray) -> AnyArray:
         """Stage of cells, uint8, from their cover and field; that of its cover where it is not the field's."""
@@ -94,30 +86,21 @@ def stages_of(scene: Scene, calendar: Calendar, visit: Visit, *, seed: int, run_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadiometerOccasion:
-    """State of the ground in one run.
-
-    Attributes
-    ----------
-    soil_moisture : float
-        Mean volumetric soil moisture of the date [m3/m3].
-    field_moisture : float64 array (n_fields,)
-        Soil moisture of each field [m3/m3].
-    class_offset : float64 array (n_channels, n_stages)
-        Part by which each category, and stage of one, reflects less on this date than by the table [1].
-    field_offset : float64 array (n_channels, n_fields)
-        Part by which each field reflects less than its stage [1].
-    temperature_offset_k : float
-        Departure of the date's ground temperature [K].
-    field_temperature_k : float64 array (n_fields,)
-        Departure of each field's temperature from the date's [K].
-    """
+    """State of the ground in one run."""
 
     soil_moisture: float
+    """Mean volumetric soil moisture of the date [m3/m3]."""
     field_moisture: FloatArray
+    """(n_fields,): soil moisture of each field [m3/m3]."""
     class_offset: FloatArray
+    """(n_channels, n_stages): part by which each category, and stage of one, reflects less on this date than by the
+    table [1]."""
     field_offset: FloatArray
+    """(n_channels, n_fields): part by which each field reflects less than its stage [1]."""
     temperature_offset_k: float
+    """Departure of the date's ground temperature [K]."""
     field_temperature_k: FloatArray
+    """(n_fields,): departure of each field's temperature from the date's [K]."""
 
     def record(self, channels: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: plain numbers and names, fields by their spread."""

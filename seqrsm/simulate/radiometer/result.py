@@ -17,46 +17,35 @@ from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadiometerImage:
-    """Image of a scanning radiometer: footprints of a line (left edge first), lines along the flight.
-
-    Attributes
-    ----------
-    brightness_k : float array (n_channels, n_samples, n_lines)
-        Calibrated antenna temperature with the receiver's noise [K]; nan where nothing is seen.
-    mean_k, nedt_k : float array, same shape
-        Its expectation, and the standard deviation of the noise [K].
-    scan : ScanGeometry
-    pixel_of_cell : int32 array (rows, cols)
-        Nearest footprint ``sample * n_lines + line`` of each cell of the scene; -1 without data or beyond the sweep.
-    coverage : int32 array (rows, cols)
-        Half-power footprints, smeared by the integration, that hold the cell's centre; 0 for cells never seen.
-    blocked : bool array (rows, cols)
-        Cells hidden from the antenna.
-    radiometer : RadiometerConfiguration
-    occasion : RadiometerOccasion
-    table : EmissivityTable
-        That the ground was looked up in.
-    day : float or None
-        Day of the year, where the image has one.
-    quarter_turns : int
-        ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
-    notes : tuple of str
-        Assumptions, and what the scan does.
-    """
+    """Image of a scanning radiometer: footprints of a line (left edge first), lines along the flight."""
 
     brightness_k: AnyArray
+    """(n_channels, n_samples, n_lines): calibrated antenna temperature with the receiver's noise [K]; nan where nothing
+    is seen."""
     mean_k: AnyArray
     nedt_k: AnyArray
+    """As `brightness_k`: its expectation, and the standard deviation of the noise [K]."""
     scan: ScanGeometry
+
     pixel_of_cell: AnyArray
+    """(rows, cols): nearest footprint ``sample * n_lines + line`` of each cell of the scene; -1 without data or beyond
+    the sweep."""
     coverage: AnyArray
+    """(rows, cols): half-power footprints, smeared by the integration, that hold the cell's centre; 0 for cells never
+    seen."""
     blocked: BoolArray
+    """(rows, cols): cells hidden from the antenna."""
     radiometer: RadiometerConfiguration
     occasion: RadiometerOccasion
+
     table: EmissivityTable
+    """That the ground was looked up in."""
     day: float | None
+    """Day of the year, where the image has one."""
     quarter_turns: int
+    """``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation."""
     notes: tuple[str, ...]
+    """Assumptions, and what the scan does."""
 
     def record(self, categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: plain numbers and names."""
