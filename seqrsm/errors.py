@@ -25,24 +25,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong, where it stands, and what would be right.
-
-    Parameters
-    ----------
-    message : str
-        What is wrong, in a sentence without the place and the remedy.
-    remedy : str
-        What would be right.
-    file, line, field, value : optional
-        The place: file name, 1-based line, key or column, and the offending value as it was read.
-    """
+    """One thing that is wrong, where it stands, and what would be right."""
 
     message: str
+    """What is wrong, in a sentence without the place and the remedy."""
     remedy: str = ""
+    """What would be right."""
     file: str | None = None
     line: int | None = None
     field: str | None = None
     value: object | None = None
+    """The place: file name, 1-based line, key or column, and the offending value as it was read."""
 
     def __str__(self) -> str:
         place = self.file or ""

@@ -40,33 +40,22 @@ _AS_NARROW = 1.1  # as the narrowest half-width listed: below that the loss deci
 
 @dataclass(frozen=True, slots=True)
 class Surfaces:
-    """What is known of the surface: coefficients drawn, the scatter of a run, and where both come from.
-
-    Attributes
-    ----------
-    model : QuadraticModel
-        Of the truths.
-    coefficients : ndarray (m, p)
-        A truth in each row, on the scale of the fit.
-    noise : float
-        Standard deviation of a run, score units.
-    source : str
-        In words.
-    logit : bool
-        That scale is the logit of percent scores; else that of the scores.
-    at_best : float
-        Standard deviation of a future run at the optimum, where the ground was simulated, over ``noise``.
-    level : float
-        Score at which runs scatter by ``noise``, where they scatter as shares do [%]; nan: where they scatter alike.
-    """
+    """What is known of the surface: coefficients drawn, the scatter of a run, and where both come from."""
 
     model: QuadraticModel
+    """Of the truths."""
     coefficients: FloatArray
+    """(m, p): a truth in each row, on the scale of the fit."""
     noise: float
+    """Standard deviation of a run, score units."""
     source: str
+    """In words."""
     logit: bool = False
+    """That scale is the logit of percent scores; else that of the scores."""
     at_best: float = 1.0
+    """Standard deviation of a future run at the optimum, where the ground was simulated, over ``noise``."""
     level: float = float("nan")
+    """Score at which runs scatter by ``noise``, where they scatter as shares do [%]; nan: where they scatter alike."""
 
     def scores(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
@@ -91,25 +80,18 @@ class Surfaces:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What one way to spend runs is expected to give.
-
-    Attributes
-    ----------
-    change : str
-        What would differ in ``campaign.toml``; "" for the campaign as it is.
-    runs, n_terms, asked : int
-        Runs, terms of the model, and the fewest runs that the stop rule asks for.
-    half_width, loss : float
-        Half-width of the interval that decides, the median of campaigns or by `forecast`, and mean loss against the
-        best settings of the whole region, score units; nan where the runs leave no degree of freedom.
-    """
+    """What one way to spend runs is expected to give."""
 
     change: str
+    """What would differ in ``campaign.toml``; "" for the campaign as it is."""
     runs: int
     n_terms: int
     asked: int
+    """Runs, terms of the model, and the fewest runs that the stop rule asks for."""
     half_width: float
     loss: float
+    """Half-width of the interval that decides, the median of campaigns or by `forecast`, and mean loss against the best
+    settings of the whole region, score units; nan where the runs leave no degree of freedom."""
 
     def reaches(self, target: float, target_loss: float) -> bool:
         """Whether the stop rule can be expected to hold; a target that is nan is not asked about."""
@@ -175,29 +157,21 @@ def random_surfaces(
 
 @dataclass(frozen=True)
 class Budget:
-    """The question.
-
-    Attributes
-    ----------
-    region, order, goal, rule
-        Of the campaign.
-    known : Surfaces
-        What is known of its surface.
-    at : ndarray (k,)
-        Where a factor would be fixed.
-    seed : int
-    constants : int
-        Of the blocks so far, which are terms beside those of the model.
-    """
+    """The question."""
 
     region: Region
     order: int
     goal: Goal
     rule: StopRule
+    """Of the campaign."""
     known: Surfaces
+    """What is known of its surface."""
     at: FloatArray
+    """(k,): where a factor would be fixed."""
     seed: int
+
     constants: int = 0
+    """Of the blocks so far, which are terms beside those of the model."""
 
     def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
         """What the budget gives in different ways, and what other numbers of runs give.

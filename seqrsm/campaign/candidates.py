@@ -70,23 +70,16 @@ _FIELDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One line of the answer.
-
-    Attributes
-    ----------
-    name : str
-    sensor : NamedSensor or None
-        None for one that is told by its parameters alone.
-    channels : str
-        Of a named one.
-    parameters : Mapping
-        What differs, by the names of ``campaign.toml``.
-    """
+    """One line of the answer."""
 
     name: str
+
     sensor: NamedSensor | None
+    """None for one that is told by its parameters alone."""
     channels: str
+    """Of a named one."""
     parameters: Mapping[str, float | str]
+    """What differs, by the names of ``campaign.toml``."""
 
 
 def candidates_of(spec: CampaignSpec) -> list[Candidate]:

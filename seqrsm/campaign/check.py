@@ -64,57 +64,39 @@ _TOLD_SHARE = 0.05  # of the variance: less is not why a target is out of reach
 
 @dataclass(frozen=True)
 class Judged:
-    """What runs can give of one application, and whether its targets are in reach.
-
-    Attributes
-    ----------
-    application : str
-        Its name.
-    noise : float
-        Standard deviation of a run, score units; nan where it is not known yet.
-    ground_share : float
-        Share of its variance that is one ground against another; 0 without a simulator.
-    noise_source : str
-        Where ``noise`` comes from.
-    min_runs : int
-        The fewest runs the stop rule asks for on the flight days so far.
-    min_runs_departed : int
-        The same if the scores favour another surface than a quadratic, and all factors matter.
-    further_days : int or None
-        Flight days to come for whose constants the budget is enough; None where days are no constants.
-    target_problem : str
-        Why the stop target may be out of reach; empty if it is not.
-    plans, over : tuple of Plan
-        What the budget can give in different ways, and what other numbers of runs give, see `seqrsm.campaign.budget`.
-    surfaces : str
-        From what surfaces ``plans`` and ``over`` were found.
-    target, unit : float, str
-        Target half-width, nan where half-widths are told in standard deviations of a run; their unit.
-    target_loss : float
-        Limit of the expected loss in that unit, nan without one and where ``target`` is.
-    loss_departed : float
-        Loss expected of the budget in that unit if the surface is no quadratic; nan once there are scores, and of
-        logits, a first-order model or more than 250 runs.
-    refused : str
-        Why the target cannot be reached, and what could; empty if it may.
-    """
+    """What runs can give of one application, and whether its targets are in reach."""
 
     application: str
+    """Its name."""
     noise: float
+    """Standard deviation of a run, score units; nan where it is not known yet."""
     ground_share: float
+    """Share of its variance that is one ground against another; 0 without a simulator."""
     noise_source: str
+    """Where ``noise`` comes from."""
     min_runs: int
+    """The fewest runs the stop rule asks for on the flight days so far."""
     min_runs_departed: int
+    """The same if the scores favour another surface than a quadratic, and all factors matter."""
     further_days: int | None
+    """Flight days to come for whose constants the budget is enough; None where days are no constants."""
     target_problem: str
+    """Why the stop target may be out of reach; empty if it is not."""
     plans: tuple[Plan, ...] = ()
     over: tuple[Plan, ...] = ()
+    """What the budget can give in different ways, and what other numbers of runs give, see `seqrsm.campaign.budget`."""
     surfaces: str = ""
+    """From what surfaces ``plans`` and ``over`` were found."""
     target: float = float("nan")
     unit: str = ""
+    """Target half-width, nan where half-widths are told in standard deviations of a run; their unit."""
     refused: str = ""
+    """Why the target cannot be reached, and what could; empty if it may."""
     target_loss: float = float("nan")
+    """Limit of the expected loss in that unit, nan without one and where ``target`` is."""
     loss_departed: float = float("nan")
+    """Loss expected of the budget in that unit if the surface is no quadratic; nan once there are scores, and of
+    logits, a first-order model or more than 250 runs."""
 
     @property
     def away(self) -> tuple[bool, bool, float]:
@@ -128,40 +110,29 @@ class CheckResult(Judged):
     """What `check_campaign` found; all is in order, else it would have raised.
 
     Of several applications it is itself the one that is the farthest from its targets.
-
-    Attributes
-    ----------
-    name : str
-        Of the campaign.
-    n_factors, n_terms, start_runs, max_runs : int
-        Size of the model, of the start design, and the budget.
-    seconds_per_run : float
-        Measured on this machine [s]; nan without a simulator.
-    cost, cost_unit : float, str
-        Of the whole budget, see `seqrsm.spec.tables.CostSpec`.
-    notes, covers : tuple of str
-        What the simulation rests on, and the cover categories of its scene.
-    combinations : tuple of str
-        What combinations of the parameters do, such as gaps between the lines of a scan, and where.
-    hardware : tuple of str
-        Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before.
-    others : tuple of Judged
-        The other applications, the farthest first.
     """
 
     name: str
+    """Of the campaign."""
     n_factors: int
     n_terms: int
     start_runs: int
     max_runs: int
+    """Size of the model, of the start design, and the budget."""
     seconds_per_run: float
+    """Measured on this machine [s]; nan without a simulator."""
     cost: float
     cost_unit: str
+    """Of the whole budget, see `seqrsm.spec.tables.CostSpec`."""
     notes: tuple[str, ...]
     covers: tuple[str, ...] = ()
+    """What the simulation rests on, and the cover categories of its scene."""
     combinations: tuple[str, ...] = ()
+    """What combinations of the parameters do, such as gaps between the lines of a scan, and where."""
     hardware: tuple[str, ...] = ()
+    """Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before."""
     others: tuple[Judged, ...] = ()
+    """The other applications, the farthest first."""
 
     @property
     def judged(self) -> tuple[Judged, ...]:

@@ -31,64 +31,43 @@ from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RankingS
 
 @dataclass(frozen=True, slots=True)
 class Dossier:
-    """A campaign as it stands, ready to be shown.
-
-    Attributes
-    ----------
-    spec : CampaignSpec
-        What was asked.
-    analyses : tuple of Analysis
-        One for each application, in the order of ``campaign.toml``.
-    runs : tuple of RunRecord
-        Every run, void and failed ones included.
-    looks : tuple of LookRecord
-        The interval at the optimum after each batch.
-    events : tuple of EventRecord
-        The history.
-    images : tuple of ImagePanel
-        Simulated images; empty for a campaign without a simulator.
-    scene : Scene or None
-        The simulated site.
-    quarter_turns : int
-        ``numpy.rot90`` of its layers by so many has the orientation of the first image.
-    assumptions : tuple of str
-        Every assumption of the simulation, one sentence each.
-    provenance : Mapping[str, str]
-        Versions, seed, hashes, data sources: label to value, in the order to be shown. No times of day: equal campaigns
-        have equal reports.
-    reproduce : tuple of str
-        Commands that reproduce this campaign.
-    compromise : CompromiseEstimate or None
-        Of several applications, or of one with other considerations.
-    tradeoff : Mapping or None
-        What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
-    candidates : Mapping or None
-        What ``seqrsm candidates`` found last, see `seqrsm.campaign.candidates`.
-    rests : Mapping
-        What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
-    rankings : tuple of RankingSummary
-        Of each application that interpreters rank.
-    calendar : CropCalendar or None
-        Of a campaign with dates, at the recommended settings.
-    """
+    """A campaign as it stands, ready to be shown."""
 
     spec: CampaignSpec
+    """What was asked."""
     analyses: tuple[Analysis, ...]
+    """One for each application, in the order of ``campaign.toml``."""
     runs: tuple[RunRecord, ...]
+    """Every run, void and failed ones included."""
     looks: tuple[LookRecord, ...]
+    """The interval at the optimum after each batch."""
     events: tuple[EventRecord, ...]
+    """The history."""
     images: tuple[ImagePanel, ...]
+    """Simulated images; empty for a campaign without a simulator."""
     scene: Scene | None
+    """The simulated site."""
     quarter_turns: int
+    """``numpy.rot90`` of its layers by so many has the orientation of the first image."""
     assumptions: tuple[str, ...]
+    """Every assumption of the simulation, one sentence each."""
     provenance: Mapping[str, str]
+    """Versions, seed, hashes, data sources: label to value, in the order to be shown. No times of day: equal campaigns
+    have equal reports."""
     reproduce: tuple[str, ...]
+    """Commands that reproduce this campaign."""
     compromise: CompromiseEstimate | None = None
+    """Of several applications, or of one with other considerations."""
     tradeoff: Mapping[str, Any] | None = None
+    """What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`."""
     candidates: Mapping[str, Any] | None = None
+    """What ``seqrsm candidates`` found last, see `seqrsm.campaign.candidates`."""
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`."""
     rankings: tuple[RankingSummary, ...] = ()
+    """Of each application that interpreters rank."""
     calendar: CropCalendar | None = None
+    """Of a campaign with dates, at the recommended settings."""
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:

@@ -51,37 +51,25 @@ NOT_TO_BE_USED: Final = (CANNOT_BE_BUILT, TOO_WEAK, SATURATED, LARGE_ANTENNA)
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """One of the report's two models.
-
-    Attributes
-    ----------
-    configure : callable
-        Settings and fixed parameters -> sensor; raises ConfigurationError.
-    table : callable
-        Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process.
-    simulate : callable
-        Scene, sensor, table, and by name seed, run id and visit -> image.
-    examine : callable
-        Scene, sensor, table and day of the year -> what the combination of parameters does, each note as "kind: what";
-        raises UserError where the sensor cannot image the scene, without imaging it.
-    detail_m : callable
-        Sensor -> side of what it tells apart [m]; 0 where the data base must stay as it is.
-    parameters : Mapping
-        The sensor's, by their names in ``campaign.toml``.
-    threads : bool
-        Whether `simulate` takes a number of threads.
-    masks : tuple of str
-        Masks of the scene's grid that its images have.
-    """
+    """One of the report's two models."""
 
     configure: Callable[[Settings, Settings], Any]
+    """Settings and fixed parameters -> sensor; raises ConfigurationError."""
     table: Callable[[str], Any]
+    """Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process."""
     simulate: Callable[..., Any]
+    """Scene, sensor, table, and by name seed, run id and visit -> image."""
     examine: Callable[[Scene, Any, Any, float | None], tuple[str, ...]]
+    """Scene, sensor, table and day of the year -> what the combination of parameters does, each note as "kind: what";
+    raises UserError where the sensor cannot image the scene, without imaging it."""
     detail_m: Callable[[Any], float]
+    """Sensor -> side of what it tells apart [m]; 0 where the data base must stay as it is."""
     parameters: Mapping[str, Parameter]
+    """The sensor's, by their names in ``campaign.toml``."""
     threads: bool = False
+    """Whether `simulate` takes a number of threads."""
     masks: tuple[str, ...] = ()
+    """Masks of the scene's grid that its images have."""
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -106,25 +106,18 @@ def write_image(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """One image of a campaign's sensor, and what it was made of.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    task : SimulationTask
-        Its settings among it.
-    scene : Scene
-    images : tuple of RadarImage or RadiometerImage
-        All that the settings make, in the order of ``task.acquisitions``.
-    number : int
-        Which of them is wanted, from 1.
-    """
+    """One image of a campaign's sensor, and what it was made of."""
 
     campaign: Campaign
+
     task: SimulationTask
+    """Its settings among it."""
     scene: Scene
+
     images: Sequence[RadarImage | RadiometerImage]
+    """All that the settings make, in the order of ``task.acquisitions``."""
     number: int
+    """Which of them is wanted, from 1."""
 
     @property
     def image(self) -> RadarImage | RadiometerImage:
@@ -247,37 +240,26 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
 
 @dataclass(frozen=True, slots=True)
 class ImagePanel:
-    """One simulated image with what is needed to read it.
-
-    Attributes
-    ----------
-    title : str
-        For example "At the optimum".
-    settings : Mapping[str, float | str]
-        Sensor settings in natural units, by factor name.
-    engine : str
-        That of its sensor.
-    channels : tuple of str
-        Polarization of each plane of ``greytone``.
-    greytone : ndarray (channels, across, along) of uint8
-        RSL TR 380-1 eq. (3-18); across the track from near to far range, or in the direction of the sweep.
-    pixel_m : float
-        Ground size of a pixel [m].
-    score, score_se : float
-        Utility of this image and its standard error, in score units.
-    caption : str
-        What the image shows and what was drawn at random.
-    """
+    """One simulated image with what is needed to read it."""
 
     title: str
+    """For example "At the optimum"."""
     settings: Mapping[str, float | str]
+    """Sensor settings in natural units, by factor name."""
     engine: str
+    """That of its sensor."""
     channels: tuple[str, ...]
+    """Polarization of each plane of ``greytone``."""
     greytone: AnyArray
+    """(channels, across, along): RSL TR 380-1 eq. (3-18); across the track from near to far range, or in the direction
+    of the sweep."""
     pixel_m: float
+    """Ground size of a pixel [m]."""
     score: float
     score_se: float
+    """Utility of this image and its standard error, in score units."""
     caption: str
+    """What the image shows and what was drawn at random."""
 
 
 def report_pictures(

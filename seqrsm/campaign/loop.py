@@ -32,31 +32,21 @@ _BROKEN_BATCHES = 3  # in a row, without any score: the campaign ends
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a call of `run_campaign` ended.
-
-    Attributes
-    ----------
-    held : bool
-        The stop rule holds; otherwise the budget is spent.
-    analyses : tuple of Analysis
-        One for each application.
-    seconds : dict
-        Time spent by stage in this call [s].
-    n_scored : int
-        Scored runs in all, confirmation runs included.
-    compromise : CompromiseEstimate or None
-        Over several applications and considerations.
-    rests : Mapping
-        By application, the shares of the area that its recommended settings see by measured, published, computed and
-        assumed means; see `seqrsm.campaign.rests_on`.
-    """
+    """How a call of `run_campaign` ended."""
 
     held: bool
+    """The stop rule holds; otherwise the budget is spent."""
     analyses: tuple[Analysis, ...]
+    """One for each application."""
     seconds: dict[str, float]
+    """Time spent by stage in this call [s]."""
     n_scored: int
+    """Scored runs in all, confirmation runs included."""
     compromise: CompromiseEstimate | None = None
+    """Over several applications and considerations."""
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """By application, the shares of the area that its recommended settings see by measured, published, computed and
+    assumed means; see `seqrsm.campaign.rests_on`."""
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""

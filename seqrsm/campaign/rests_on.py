@@ -48,24 +48,16 @@ def mean_sds(spec: CampaignSpec, settings: Mapping[str, float | str]) -> tuple[d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CropCalendar:
-    """Backscatter of the crops of a scene over the year in the channels of a campaign's radars.
-
-    Attributes
-    ----------
-    crops : tuple of str
-        Covers of the scored area that change over the year, the largest first, six at most.
-    channels : tuple of str
-        Such as "C VV".
-    sigma0_db : float64 array (n_channels, n_crops, 365)
-        At 40 degrees [dB].
-    days : tuple of float
-        Days of the year of the images at the recommended settings, in their order.
-    """
+    """Backscatter of the crops of a scene over the year in the channels of a campaign's radars."""
 
     crops: tuple[str, ...]
+    """Covers of the scored area that change over the year, the largest first, six at most."""
     channels: tuple[str, ...]
+    """Such as "C VV"."""
     sigma0_db: FloatArray
+    """(n_channels, n_crops, 365): at 40 degrees [dB]."""
     days: tuple[float, ...]
+    """Days of the year of the images at the recommended settings, in their order."""
 
 
 def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> CropCalendar | None:

@@ -40,22 +40,15 @@ NO_RUN = 0
 
 @dataclass(frozen=True, slots=True)
 class Acquisition:
-    """One image of a run.
-
-    Attributes
-    ----------
-    member : str
-        Name of the sensor in its set, "" where it is alone.
-    engine : str
-    sensor : RadarConfiguration or RadiometerConfiguration
-    visit : Visit
-        Its date.
-    """
+    """One image of a run."""
 
     member: str
+    """Name of the sensor in its set, "" where it is alone."""
     engine: str
     sensor: Sensor
+
     visit: Visit
+    """Its date."""
 
     @property
     def label(self) -> str:
@@ -133,50 +126,35 @@ def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acq
 
 @dataclass(frozen=True)
 class SimulationTask:
-    """One simulated run, complete in itself, so that any process on any machine can carry it out.
-
-    Attributes
-    ----------
-    engine : "psm" or "prm"
-    run_id, seed : int
-        Key of everything random in the run.
-    settings, fixed : Mapping
-        Levels of the factors, and every other sensor parameter.
-    scene : str
-        Path of the data base.
-    table : str
-        Path of the user's table of sigma0 or emissivity, "" for the shipped one alone.
-    utilities : tuple of (application, utility)
-        What to score.
-    cells : int
-        Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is.
-    members : Mapping
-        What members of a set of sensors have of their own, by name.
-    world : int or None
-        Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
-    elsewhere : tuple of str
-        Covers whose own parts are as in another world.
-    known_map : str
-        Path of the confusion table of a map that is there already, "" for none.
-    calendar, late_days : str, int
-        Path of the user's calendar of crops, "" for the shipped one alone, and days by which that one comes later.
-    """
+    """One simulated run, complete in itself, so that any process on any machine can carry it out."""
 
     engine: str
+
     run_id: int
     seed: int
+    """Key of everything random in the run."""
     settings: Mapping[str, float | str]
     fixed: Mapping[str, float | str]
+    """Levels of the factors, and every other sensor parameter."""
     scene: str
+    """Path of the data base."""
     table: str
+    """Path of the user's table of sigma0 or emissivity, "" for the shipped one alone."""
     utilities: tuple[tuple[str, str], ...]
+    """What to score."""
     cells: int = 0
+    """Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is."""
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
+    """What members of a set of sensors have of their own, by name."""
     world: int | None = None
+    """Number of the world (`seqrsm.scattering.worlds`); None: the table's own means."""
     elsewhere: tuple[str, ...] = ()
+    """Covers whose own parts are as in another world."""
     known_map: str = ""
+    """Path of the confusion table of a map that is there already, "" for none."""
     calendar: str = ""
     late_days: int = 0
+    """Path of the user's calendar of crops, "" for the shipped one alone, and days by which that one comes later."""
 
     @cached_property
     def acquisitions(self) -> tuple[Acquisition, ...]:

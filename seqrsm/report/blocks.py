@@ -22,21 +22,14 @@ Tone: TypeAlias = Literal["plain", "lead", "note", "warning"]
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """Running text.
-
-    Attributes
-    ----------
-    text : str
-        What was found.
-    tone : str
-        "lead" is the recommendation, "note" is small print, "warning" is boxed.
-    method : str
-        Goes on behind ``text`` with how it is found, which the terminal leaves out.
-    """
+    """Running text."""
 
     text: str
+    """What was found."""
     tone: Tone = "plain"
+    """Kind: "lead" is the recommendation, "note" is small print, "warning" is boxed."""
     method: str = ""
+    """Goes on behind ``text`` with how it is found, which the terminal leaves out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,23 +80,16 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose first column names the row.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-    rows : tuple of tuple of Cell
-        Each as long as ``columns``.
-    caption : str
-        What the table shows.
-    sortable : bool
-        Whether the HTML face offers sorting; the rows stand in a useful order anyway.
-    """
+    """A table whose first column names the row."""
 
     columns: tuple[Column, ...]
+
     rows: tuple[tuple[Cell, ...], ...]
+    """Each as long as ``columns``."""
     caption: str
+    """What the table shows."""
     sortable: bool = False
+    """Whether the HTML face offers sorting; the rows stand in a useful order anyway."""
 
     def __post_init__(self) -> None:
         if any(len(row) != len(self.columns) for row in self.rows):
@@ -128,46 +114,30 @@ def table(caption: str, columns: Iterable[Head], rows: Iterable[Iterable[Entry]]
 
 @dataclass(frozen=True, slots=True)
 class PanelData:
-    """The numbers behind a picture, for a CSV file.
-
-    Attributes
-    ----------
-    columns : tuple of str
-        Names with units in brackets.
-    rows : tuple of tuple
-        Numbers and words, each row as long as ``columns``; nan is an empty cell.
-    """
+    """The numbers behind a picture, for a CSV file."""
 
     columns: tuple[str, ...]
+    """Names with units in brackets."""
     rows: tuple[tuple[float | str, ...], ...]
+    """Numbers and words, each row as long as ``columns``; nan is an empty cell."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of a figure, drawn when it is first asked for.
-
-    Attributes
-    ----------
-    title : str
-        Short heading over the picture, "" for none.
-    alt : str
-        What a reader who cannot see it should know.
-    draw : callable or None
-        Draws it as SVG with ``seqrsm.report.figures.drawing``; None when ``png`` is given.
-    png : bytes
-        Bitmap; b"" when ``draw`` is given.
-    name : str
-        Stem of the files that ``seqrsm report --figures`` writes, in letters, digits and hyphens.
-    data : callable
-        Gives what the picture shows as numbers; asked only when the figures are written to files.
-    """
+    """One picture of a figure, drawn when it is first asked for."""
 
     title: str
+    """Short heading over the picture, "" for none."""
     alt: str
+    """What a reader who cannot see it should know."""
     draw: Callable[[], str] | None = field(default=None, compare=False, repr=False)
+    """Draws it as SVG with ``seqrsm.report.figures.drawing``; None when ``png`` is given."""
     png: bytes = b""
+    """Bitmap; b"" when ``draw`` is given."""
     name: str = ""
+    """Stem of the files that ``seqrsm report --figures`` writes, in letters, digits and hyphens."""
     data: Callable[[], PanelData] | None = field(default=None, compare=False, repr=False)
+    """Gives what the picture shows as numbers; asked only when the figures are written to files."""
 
     @cached_property
     def svg(self) -> str:
@@ -237,21 +207,16 @@ Block: TypeAlias = Paragraph | Bullets | KeyFigures | Table | FigureBlock | Equa
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading with its blocks and the sections under it.
-
-    Attributes
-    ----------
-    key : str
-        Anchor, unique in the report, of letters, digits and hyphens.
-    new_page : bool
-        Whether paper starts a page before it, unless a few lines alone would stand on the page that is left.
-    """
+    """A heading with its blocks and the sections under it."""
 
     key: str
+    """Anchor, unique in the report, of letters, digits and hyphens."""
     title: str
     blocks: tuple[Block, ...]
     sections: tuple[Section, ...] = ()
+
     new_page: bool = False
+    """Whether paper starts a page before it, unless a few lines alone would stand on the page that is left."""
 
 
 def unfolded(blocks: Iterable[Block]) -> Iterator[Block]:
@@ -265,27 +230,18 @@ def unfolded(blocks: Iterable[Block]) -> Iterator[Block]:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole report.
-
-    Attributes
-    ----------
-    title, subtitle : str
-    state : str
-        Which state of which campaign it shows. No clock is read: equal campaigns give equal files.
-    version : str
-        Of the program.
-    sections : tuple of Section
-        The first is the summary.
-    byline : str
-        Author and date, as the campaign's file has them.
-    profiles : tuple of (str, str)
-        Title and JSON of each prediction profiler, which a page shows and paper cannot; see `seqrsm.report.profile`.
-    """
+    """A whole report."""
 
     title: str
     subtitle: str
+
     state: str
+    """Which state of which campaign it shows. No clock is read: equal campaigns give equal files."""
     version: str
+    """Of the program."""
     sections: tuple[Section, ...]
+    """The first is the summary."""
     byline: str = ""
+    """Author and date, as the campaign's file has them."""
     profiles: tuple[tuple[str, str], ...] = ()
+    """Title and JSON of each prediction profiler, which a page shows and paper cannot; see `seqrsm.report.profile`."""

@@ -71,21 +71,14 @@ _MEASURED = {
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """One application of the catalogue.
-
-    Attributes
-    ----------
-    words : str
-        As they were given, without signs.
-    start : StartRanges
-        What the catalogue says.
-    measure : Measure
-        By which utility it is scored.
-    """
+    """One application of the catalogue."""
 
     words: str
+    """As they were given, without signs."""
     start: StartRanges
+    """What the catalogue says."""
     measure: Measure
+    """By which utility it is scored."""
 
 
 def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | None = None) -> list[Wanted]:

@@ -43,18 +43,12 @@ def factors(
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What ``[simulator]`` says of its sensors, as written; it may be wrong.
-
-    Attributes
-    ----------
-    engine : str or None
-        That of members which name no other; None without a simulator, or with an unknown engine.
-    members : Mapping
-        What members have of their own.
-    """
+    """What ``[simulator]`` says of its sensors, as written; it may be wrong."""
 
     engine: str | None
+    """That of members which name no other; None without a simulator, or with an unknown engine."""
     members: Mapping[str, Mapping[str, Any]]
+    """What members have of their own."""
 
     def table(self, member: str) -> Mapping[str, Parameter]:
         """Parameters of a member's sensor; "": of every sensor that there is, the main one's first."""

@@ -25,58 +25,39 @@ DERIVED = "Plackett-Luce"
 
 @dataclass(frozen=True, slots=True)
 class NewRun:
-    """A run to be proposed.
-
-    Attributes
-    ----------
-    settings : dict
-        Natural units, by factor name.
-    purpose, why : str
-        Short word ("start", "optimum", "repeat", ...) and a sentence.
-    source : {"simulation", "flight"}
-        Who is to carry it out.
-    cost : float
-        In the campaign's cost unit.
-    block : str
-        Block label, "" where there are no blocks.
-    """
+    """A run to be proposed."""
 
     settings: Mapping[str, float | str]
+    """Natural units, by factor name."""
     purpose: str = ""
     why: str = ""
+    """Short word ("start", "optimum", "repeat", ...) and a sentence."""
     source: str = "simulation"
+    """Either "simulation" or "flight": who is to carry it out."""
     cost: float = 1.0
+    """In the campaign's cost unit."""
     block: str = ""
+    """Block label, "" where there are no blocks."""
 
 
 @dataclass(frozen=True, slots=True)
 class NewScore:
-    """The score of one application in a run.
-
-    Attributes
-    ----------
-    application : str
-        Name in campaign.toml.
-    score : float
-        Finite, in score units.
-    se : float or None
-        Standard error, > 0, in score units.
-    n, correct : int or None
-        Binomial counts.
-    metadata : Mapping
-        Anything that JSON can hold; numpy values are converted, nan becomes null.
-    source_file, source_row : str, int or None
-        Where it was read; the row is the line of the file.
-    """
+    """The score of one application in a run."""
 
     application: str
+    """Name in campaign.toml."""
     score: float
+    """Finite, in score units."""
     se: float | None = None
+    """Standard error, > 0, in score units."""
     n: int | None = None
     correct: int | None = None
+    """Binomial counts."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    """Anything that JSON can hold; numpy values are converted, nan becomes null."""
     source_file: str = ""
     source_row: int | None = None
+    """Where it was read; the row is the line of the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,27 +142,18 @@ class RunRecord:
 
 @dataclass(frozen=True, slots=True)
 class LookRecord:
-    """What one look at the data found.
-
-    Attributes
-    ----------
-    look : int
-        From 1.
-    after_run : int
-        Number of scored runs that the look was based on.
-    application : str
-        Name in campaign.toml.
-    summary : dict
-        The analysis in short; plain JSON values, null for what was undefined.
-    looked_at : str
-        UTC, ISO 8601.
-    """
+    """What one look at the data found."""
 
     look: int
+    """From 1."""
     after_run: int
+    """Number of scored runs that the look was based on."""
     application: str
+    """Name in campaign.toml."""
     summary: dict[str, Any]
+    """The analysis in short; plain JSON values, null for what was undefined."""
     looked_at: str
+    """UTC, ISO 8601."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,30 +185,20 @@ class FileRecord:
 
 @dataclass(frozen=True, slots=True)
 class IngestedRun:
-    """One run's measured scores on their way into the store.
-
-    Attributes
-    ----------
-    run_id : int or None
-        The proposal it carries out; None for a run nobody proposed.
-    settings : Mapping
-        Executed settings, natural units.
-    source : str
-        "flight" or "simulation"; "" keeps what was proposed (a new run is a flight).
-    block : str
-        Block label; "" keeps what was proposed.
-    cost : float
-        Cost of a new run.
-    scores : tuple of NewScore
-        Different applications, at least one.
-    """
+    """One run's measured scores on their way into the store."""
 
     run_id: int | None
+    """The proposal it carries out; None for a run nobody proposed."""
     settings: Mapping[str, float | str]
+    """Executed settings, natural units."""
     source: str
+    """Either "flight" or "simulation"; "" keeps what was proposed (a new run is a flight)."""
     block: str
+    """Block label; "" keeps what was proposed."""
     cost: float
+    """Cost of a new run."""
     scores: tuple[NewScore, ...]
+    """Different applications, at least one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,66 +256,44 @@ class InterpreterEffect:
 
 @dataclass(frozen=True, slots=True)
 class RankingSummary:
-    """What an application's rankings say.
-
-    Attributes
-    ----------
-    application : str
-    rankings : int
-        That count.
-    scores : dict of int to (float, float)
-        Score of each run that the rankings join, from the mean of the first batch, and its standard error, from the
-        mean of all [logit].
-    scale_se : float
-        Relative standard error of the distance between scores, which all have in common.
-    apart : tuple of int
-        Runs that no chain of rankings joins with these: they have no score yet.
-    interpreters : tuple of InterpreterEffect
-    """
+    """What an application's rankings say."""
 
     application: str
+
     rankings: int
+    """That count."""
     scores: dict[int, tuple[float, float]]
+    """Score of each run that the rankings join, from the mean of the first batch, and its standard error, from the mean
+    of all [logit]."""
     scale_se: float
+    """Relative standard error of the distance between scores, which all have in common."""
     apart: tuple[int, ...]
+    """Runs that no chain of rankings joins with these: they have no score yet."""
     interpreters: tuple[InterpreterEffect, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class IngestOutcome:
-    """What became of the rows: ids of the runs.
-
-    Attributes
-    ----------
-    matched : tuple of int
-        Issued runs that now have scores.
-    created : tuple of int
-        New runs, replacements of void ones included.
-    replaced : tuple of (int, int)
-        Void run and the new run in its place.
-    unchanged : tuple of int
-        Runs, as the file names them, that had exactly these scores already, or whose replacement had.
-    equal : tuple of EqualRow
-        Rows without a run id that were recognised as scores of an earlier file.
-    moved : tuple of int
-        Proposed runs that were carried out at other settings.
-    rankings : tuple of int
-        New rankings.
-    ranked : tuple of RankingSummary
-        What the rankings say now, one for each application that has new ones.
-    already : FileRecord or None
-        The same content was taken in before: nothing was done.
-    """
+    """What became of the rows: ids of the runs."""
 
     matched: tuple[int, ...] = ()
+    """Issued runs that now have scores."""
     created: tuple[int, ...] = ()
+    """New runs, replacements of void ones included."""
     replaced: tuple[tuple[int, int], ...] = ()
+    """Void run and the new run in its place."""
     unchanged: tuple[int, ...] = ()
+    """Runs, as the file names them, that had exactly these scores already, or whose replacement had."""
     equal: tuple[EqualRow, ...] = ()
+    """Rows without a run id that were recognised as scores of an earlier file."""
     moved: tuple[int, ...] = ()
+    """Proposed runs that were carried out at other settings."""
     rankings: tuple[int, ...] = ()
+    """New rankings."""
     ranked: tuple[RankingSummary, ...] = ()
+    """What the rankings say now, one for each application that has new ones."""
     already: FileRecord | None = None
+    """The same content was taken in before: nothing was done."""
 
 
 @lru_cache

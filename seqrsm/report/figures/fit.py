@@ -98,36 +98,24 @@ def residual_data(analysis: Analysis) -> PanelData:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One look.
-
-    Attributes
-    ----------
-    n_runs : int
-        Scored runs it was based on.
-    half_width : float
-        Of the interval that the stop rule watches, score units; nan where it was not defined yet.
-    confidence : tuple of float
-        Ends of the confidence interval of the mean at the optimum of that look, score units.
-    prediction_half_width : float
-        There, score units.
-    mean : float
-        Estimated score at that optimum.
-    settings : Mapping
-        Optimum of that look, natural units.
-    held : bool
-        Whether the stop rule held.
-    loss : float
-        Expected of that optimum, score units; nan in records of earlier versions.
-    """
+    """One look."""
 
     n_runs: int
+    """Scored runs it was based on."""
     half_width: float
+    """Of the interval that the stop rule watches, score units; nan where it was not defined yet."""
     confidence: tuple[float, float]
+    """Ends of the confidence interval of the mean at the optimum of that look, score units."""
     prediction_half_width: float
+    """There, score units."""
     mean: float
+    """Estimated score at that optimum."""
     settings: Mapping[str, float | str]
+    """Optimum of that look, natural units."""
     held: bool
+    """Whether the stop rule held."""
     loss: float
+    """Expected of that optimum, score units; nan in records of earlier versions."""
 
 
 def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:

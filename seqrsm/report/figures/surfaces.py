@@ -19,57 +19,41 @@ MAX_PAIRS = 6
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Fitted mean over two numeric factors, the others at the optimum.
-
-    Attributes
-    ----------
-    x, y : ndarray (g,)
-        Natural values of the two factors.
-    mean : ndarray (g, g)
-        Score; first axis follows ``y``.
-    slack : ndarray (g, g)
-        Smallest slack of the constraints; negative where the settings are not allowed.
-    """
+    """Fitted mean over two numeric factors, the others at the optimum."""
 
     x_index: int
     y_index: int
+
     x: FloatArray
     y: FloatArray
+    """(g,): natural values of the two factors."""
     mean: FloatArray
+    """(g, g): score; first axis follows ``y``."""
     slack: FloatArray
+    """(g, g): smallest slack of the constraints; negative where the settings are not allowed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Fitted mean and bands along one factor, the others at the optimum.
-
-    Attributes
-    ----------
-    index : int
-        Of the factor.
-    x : ndarray (m,)
-        Natural values; level indices of a categorical factor.
-    mean : ndarray (m,)
-        Score.
-    confidence, prediction : Interval of ndarray (m,)
-        Of scores; nan where there is no error estimate.
-    allowed : ndarray (m,) of bool
-        Whether the constraints hold.
-    run_ids : ndarray (n,) of int
-        Of runs whose own value of the factor the constraints allow here.
-    run_x, run_score : ndarray (n,)
-        These runs moved to this line: the fitted mean at that value, plus what their score is off the fitted surface.
-    """
+    """Fitted mean and bands along one factor, the others at the optimum."""
 
     index: int
+    """Of the factor."""
     x: FloatArray
+    """(m,): natural values; level indices of a categorical factor."""
     mean: FloatArray
+    """(m,): score."""
     confidence: Interval
     prediction: Interval
+    """(m,): of scores; nan where there is no error estimate."""
     allowed: BoolArray
+    """(m,): whether the constraints hold."""
     run_ids: IntArray
+    """(n,): of runs whose own value of the factor the constraints allow here."""
     run_x: FloatArray
     run_score: FloatArray
+    """(n,): these runs moved to this line: the fitted mean at that value, plus what their score is off the fitted
+    surface."""
 
 
 def numeric_factor(analysis: Analysis, index: int) -> NumericFactor:

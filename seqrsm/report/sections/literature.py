@@ -62,25 +62,18 @@ _PASSIVE = {row.name for row in RADIOMETER.values() if row.name != row.field} - 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One sensor parameter: what is printed, what this campaign found, and whether the two agree.
-
-    Attributes
-    ----------
-    parameter, printed, tables, agreed, found : str
-        Texts for a table.
-    verdict : str
-        "agrees", "not excluded", "differs", "not comparable" or "nothing printed".
-    why : str
-        The verdict in a few words more.
-    """
+    """One sensor parameter: what is printed, what this campaign found, and whether the two agree."""
 
     parameter: str
     printed: str
     tables: str
     agreed: str
     found: str
+    """Texts for a table."""
     verdict: str
+    """One of "agrees", "not excluded", "differs", "not comparable" or "nothing printed"."""
     why: str
+    """The verdict in a few words more."""
 
 
 def looked_up(spec: CampaignSpec, application: str) -> tuple[str, str, StartRanges] | None:
