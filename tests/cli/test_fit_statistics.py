@@ -618,24 +618,6 @@ def test_weights_over_twelve_decades(tmp_path: Path) -> None:
     np.testing.assert_allclose(of(found), [float(line[-1]) for line in G], rtol=1e-8)
 
 
-def test_eight_factors(tmp_path: Path) -> None:
-    rng = np.random.default_rng(9)
-    factors = "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(8))
-    rows = []
-    for _ in range(60):
-        x = np.round(rng.choice([-1, 0, 1], 8) * rng.uniform(0.8, 1, 8), 3)
-        rows.append(
-            {f"x{i}": v for i, v in enumerate(x)}
-            | {"score": round(float(70 - 4 * np.sum((x - 0.3) ** 2) + rng.normal()), 4)}
-        )
-    (analysis,) = Campaign.open(make(tmp_path / "c", factors, rows)).analyse_all(n_draws=200)
-    assert analysis.fit.n_terms == 45
-    assert analysis.fit.df_residual == 15
-    value = analysis.of_quadratic.value
-    some = analysis.model.matrix(analysis.region.sample(100_000, rng)) @ analysis.fit.estimate
-    assert value >= some.max()
-
-
 def test_a_run_that_alone_makes_r2_predicted_negative_is_named(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     ends = [(1e-3 * (i % 3) if i % 2 else 10.0 - 1e-3 * (i % 3)) for i in range(12)]
