@@ -86,6 +86,8 @@ def test_equal_scores_everywhere(tmp_path) -> None:
     found = fitted(folder)
     assert [term["coded"]["estimate"] for term in found["terms"]] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert found["optimum"]["mean"] == 0.1
+    assert found["s"] == 0.0
+    assert any("All scores are equal" in text for text in found["warnings"])
     assert any("every setting is equally good" in text for text in found["warnings"])
     assert any("no factor has an effect" in text for text in found["stop"]["reasons"])
     assert found["optimum"]["at_bound"] == []

@@ -541,15 +541,6 @@ def test_as_many_runs_as_terms_and_one_more(tmp_path: Path, n: int) -> None:
         assert np.isfinite(found["optimum"]["confidence"]["half_width"])
 
 
-def test_scores_that_do_not_vary(tmp_path: Path) -> None:
-    rows = [{"x": x, "frequency": f, "score": 50.0} for x, f in EXTREME_DESIGN]
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows))
-    assert found["optimum"]["mean"] == pytest.approx(50.0)
-    assert found["s"] == 0.0
-    assert "All scores are equal" in " ".join(found["warnings"])
-    json.dumps(found["posterior"]["optimum"])
-
-
 @pytest.mark.parametrize("slope", [0.0, 30.0])
 def test_a_surface_that_no_parameter_moves_is_told(tmp_path: Path, slope: float) -> None:
     rng = np.random.default_rng(5)
@@ -592,30 +583,6 @@ def test_level_that_was_never_run(tmp_path: Path) -> None:
     assert code == 2
     flat = " ".join(output.split())
     assert "error: no run has a score yet at pol VV. Add runs; 3 at these settings would suffice: x " in flat
-
-
-def test_weights_over_twelve_decades(tmp_path: Path) -> None:
-    se = 10.0 ** np.linspace(-3, 3, 24)
-    rows = quadratic(se=se)
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
-    from fractions import Fraction
-
-    Z, y = matrix(rows), [row["score"] for row in rows]
-    root = [1 / float(value) for value in se]
-    # Exact normal equations in rational arithmetic.
-    A = [[Fraction(float(v)) * Fraction(r) for v in line] for line, r in zip(Z, root, strict=True)]
-    t = [Fraction(float(v)) * Fraction(r) for v, r in zip(y, root, strict=True)]
-    G = [
-        [sum(line[i] * line[j] for line in A) for j in range(6)]
-        + [sum(line[i] * v for line, v in zip(A, t, strict=True))]
-        for i in range(6)
-    ]
-    for i in range(6):
-        G[i] = [v / G[i][i] for v in G[i]]
-        for j in range(6):
-            if j != i:
-                G[j] = [a - G[j][i] * b for a, b in zip(G[j], G[i], strict=True)]
-    np.testing.assert_allclose(of(found), [float(line[-1]) for line in G], rtol=1e-8)
 
 
 def test_a_run_that_alone_makes_r2_predicted_negative_is_named(tmp_path: Path) -> None:
