@@ -153,10 +153,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     """
     spec = load_spec(folder)
     model = spec.quadratic
-    combinations: tuple[str, ...] = ()
-    if spec.simulator is not None:
-        doubts = (text for settings in spec.region.decode(_centres(spec)) for text in _doubts(spec, settings))
-        combinations = tuple(dict.fromkeys([*check_simulator(spec), *doubts]))
+    combinations = () if spec.simulator is None else combinations_of(spec)
     analyses = _so_far(spec)
     found, seconds = [_Scatter()] * len(spec.applications), float("nan")
     covers: tuple[str, ...] = ()
@@ -190,6 +187,12 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         hardware=_hardware(spec, [one.optimum.settings for one in analyses.values()]),
         others=tuple(others),
     )
+
+
+def combinations_of(spec: CampaignSpec) -> tuple[str, ...]:
+    """What combinations of the parameters do, and where, and where the tables end; errors of `check_simulator`."""
+    doubts = (text for settings in spec.region.decode(_centres(spec)) for text in _doubts(spec, settings))
+    return tuple(dict.fromkeys([*check_simulator(spec), *doubts]))
 
 
 def _judged(

@@ -13,6 +13,7 @@ from PIL import Image
 from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
 from tiny_campaign import make_tiny
 
+from seqrsm.campaign.check import combinations_of
 from seqrsm.campaign.images import report_pictures
 from seqrsm.campaign.rests_on import crop_calendar, mean_sds
 from seqrsm.campaign.simulation import carry_out, files_of, task_of
@@ -174,7 +175,7 @@ def test_check_tells_of_bands_too_near_to_rest_on(tmp_path, tiny_scene, sets, n)
     """What near bands see differently is assumed, and with it what the second gains."""
     given = text().replace('["L", "C", "L+C"]', json.dumps(["C", *sets]))
     folder = make_tiny(tmp_path / "near", tiny_scene, given)
-    found = [note for note in told("check", folder)["combinations"] if "octave" in note]
+    found = [note for note in combinations_of(load_spec(folder)) if "octave" in note]
     assert len(found) == n
     assert all(note.endswith("assumed, and with it the gain of the second") for note in found)
 
@@ -196,7 +197,7 @@ def test_check_tells_that_the_calendar_is_of_the_northern_hemisphere(
     def northern() -> bool:
         return any(
             note.startswith("Grass: the built-in calendar") and "is of the northern hemisphere" in note
-            for note in told("check", folder)["combinations"]
+            for note in combinations_of(load_spec(folder))
         )
 
     assert northern() == expected
