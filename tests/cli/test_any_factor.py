@@ -134,36 +134,6 @@ def test_pictures_and_studies_of_such_a_campaign(varied, tmp_path):
     assert {row["season"] for row in study["simulation"]["configurations"]} <= {"spring_summer", "fall", "winter"}
 
 
-REFUSED = {
-    "unit": ("altitude_m", 'unit = "km"\nlow = 3.0\nhigh = 9.0', ["altitude_m': unit", "'km'", 'unit = "m"']),
-    "level": ("season", 'levels = ["winter", "monsoon"]', ["season': levels no. 2", "'monsoon'", "spring_summer"]),
-    "range of a word": ("season", "low = 0.0\nhigh = 1.0", ["season'", "given by levels", "fall"]),
-    "levels of a number": ("altitude_m", 'levels = ["low", "high"]', ["altitude_m'", "low and high", "1 to 2e+06 m"]),
-    "beyond the limit": ("altitude_m", "low = 3000.0\nhigh = 3e6", ["altitude_m': high", "3000000.0", "1 to 2e+06 m"]),
-    "fixed, too": ("peak_power", "low = 10.0\nhigh = 90.0", ["fixed.peak_power", "both a factor and fixed"]),
-    "a file": ("targets_file", 'levels = ["a.csv", "b.csv"]', ["targets_file': name", "cannot be a factor", "repeats"]),
-    "between whole numbers": ("adc_bits", "low = 2.0\nhigh = 8.0", ["adc_bits'", "given by values", "0 to 32"]),
-    "half a bit": ("adc_bits", "values = [2, 2.5]", ["adc_bits': values no. 2", "2.5", "whole number"]),
-    "the field's name": ("bandwidth_mhz", "low = 2.0\nhigh = 8.0", ["bandwidth_mhz': name", "'bandwidth'"]),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_bad_factors_are_refused_with_what_would_be_right(tmp_path, tiny_scene, name):
-    factor, text, words = REFUSED[name]
-    factors = {**FACTORS, factor: text}
-    fixed = FIXED
-    folder = make_tiny(tmp_path / "bad", tiny_scene, campaign(factors, fixed))
-    for command in ("check", "run"):
-        result = seqrsm(command, folder)
-        assert result.exit_code == 2, result.output
-        assert result.stdout == ""
-        # The terminal's width breaks lines.
-        said = " ".join(result.stderr.split())
-        for word in ("campaign.toml:", *words):
-            assert word in said, said
-
-
 def test_levels_that_contradict_each_other_are_refused_with_the_settings(tmp_path, tiny_scene):
     fixed = {**FIXED, "snow": '"wet"'}
     folder = make_tiny(tmp_path / "snow", tiny_scene, campaign(FACTORS, fixed))

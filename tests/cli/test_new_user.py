@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import seqrsm
 from seqrsm.campaign.campaign import all_failed
+from seqrsm.campaign.check import combinations_of
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.cli.app import app
 from seqrsm.design.constraints import Constraint
@@ -26,6 +27,7 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import UserError
 from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.spec.read import load_spec
 from seqrsm.store.records import RunRecord
 
 pytestmark = pytest.mark.usefixtures("few_draws")
@@ -498,7 +500,7 @@ def test_fields_that_training_and_test_divide_are_told_where_most_ground_is_thei
         changed = {"cover": cover.astype(np.uint8), "field_id": number.reshape(field.shape).astype(np.int32)}
         save_scene(replace(scene, **changed, cell_m=10.0), tmp_path / f"{name}.npz")
         folder = make_tiny(tmp_path / name, tmp_path / f"{name}.npz")
-        told.append(" ".join(json.loads(call("check", folder, "--json"))["combinations"]))
+        told.append(" ".join(combinations_of(load_spec(folder))))
     assert "scores are too high" not in told[0] + told[1]
     assert "100 % of the scored ground lies in fields that are most of their cover's" in told[2]
     assert "--field-m" in told[2]
@@ -514,7 +516,7 @@ def test_ground_of_one_cover_is_refused_and_a_cover_of_one_small_field_is_told(t
     cover[30:33, 40:42], field_id[30:33, 40:42] = 2, scene.n_fields
     save_scene(replace(scene, cover=cover, field_id=field_id), tmp_path / "lone.npz")
     folder = make_tiny(tmp_path / "lone", tmp_path / "lone.npz")
-    (told,) = json.loads(call("check", folder, "--json"))["combinations"]
+    (told,) = combinations_of(load_spec(folder))
     assert told.startswith("Bareground is one field of 0.06 ha, not taught where it is tested")
     # Of a scored field nothing is right, whatever the settings, but by the ends of border pixels of other fields.
     call("run", folder, "--max-runs", 12, code=3)
