@@ -60,28 +60,18 @@ class QuadraticModel(OfFactors):
 
     Every term is a product of two base columns: column 0 is one, then come the numeric factors and the contrasts of
     the categorical ones. ``first`` and ``second`` name the two; the exchange kernels work on them directly.
-
-    Parameters
-    ----------
-    factors : tuple of Factor
-        In the order of the columns of the points.
-    order : {1, 2}
-        1: intercept, linear terms and contrasts. 2: products of two and squares as well; a factor of two discrete
-        values has no square, as it would repeat the intercept.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-        Intercept, linear in factor order, contrasts, interactions, squares.
-    first, second : ndarray (p,) of int
-        Base columns whose product is the term.
     """
 
     factors: tuple[Factor, ...]
+    """In the order of the columns of the points."""
     order: int = 2
+    """1: intercept, linear terms and contrasts. 2: products of two and squares as well; a factor of two discrete values
+    has no square, as it would repeat the intercept."""
     terms: tuple[Term, ...] = field(init=False, repr=False, compare=False)
+    """Intercept, linear in factor order, contrasts, interactions, squares."""
     first: IntArray = field(init=False, repr=False, compare=False)
     second: IntArray = field(init=False, repr=False, compare=False)
+    """(p,): base columns whose product is the term."""
 
     def __post_init__(self) -> None:
         products = _products(self.factors, self.columns, self.order)

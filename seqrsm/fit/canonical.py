@@ -62,28 +62,22 @@ class CanonicalForm:
 class StationaryPoint(CanonicalForm):
     """Stationary point of a fitted model at given category levels: the canonical form of its numeric factors.
 
-    Attributes
-    ----------
-    point, exact_point : ndarray (k,)
-        Coded, in factor order; category columns hold the level index. Numeric entries are nan where the form's are.
-    inside_region : bool
-        Inside the bounds and the constraints. Whether a discrete factor's value is one of its levels is not asked:
-        canonical analysis treats it as continuous.
-    se : ndarray (k,)
-        Standard errors of ``point``, coded, to first order and with the same axes flat; nan for categorical factors,
-        and where nothing is known of errors.
-    exact_value, exact_inside_region, exact_se
-        The same of ``exact_point``, with no eigenvalue taken as flat.
-    warning : str
-        A sentence when the surface is a ridge or has no curvature; else empty.
+    ``point`` and ``exact_point`` (k,) are coded, in factor order; category columns hold the level index. Numeric
+    entries are nan where the form's are.
     """
 
     inside_region: bool
+    """Inside the bounds and the constraints. Whether a discrete factor's value is one of its levels is not asked:
+    canonical analysis treats it as continuous."""
     se: FloatArray
+    """(k,): standard errors of ``point``, coded, to first order and with the same axes flat; nan for categorical
+    factors, and where nothing is known of errors."""
     exact_value: float
     exact_inside_region: bool
     exact_se: FloatArray
+    """The same of ``exact_point``, with no eigenvalue taken as flat."""
     warning: str
+    """A sentence when the surface is a ridge or has no curvature; else empty."""
 
 
 def canonical_form(surface: Quadratics) -> CanonicalForm:

@@ -138,46 +138,34 @@ REQUIRED = ("campaign", "factor", "application", "stop")
 
 @dataclass(frozen=True, slots=True)
 class CampaignSpec:
-    """A valid ``campaign.toml``.
-
-    Attributes
-    ----------
-    folder : Path
-        The campaign's folder.
-    name, description, author, date, seed, batch :
-        Of ``[campaign]``.
-    region : Region
-        Factors and constraints.
-    applications : tuple of ApplicationSpec
-        In the order of the file.
-    considerations : tuple of ConsiderationSpec
-        What else counts in a compromise.
-    candidates : tuple of CandidateSpec
-        What the optimum is compared with.
-    model, simulator, cost, stop :
-        The tables of these names; ``simulator`` is None in a campaign fed by measured scores only.
-    store_url : str or None
-        ``[store] url``.
-    spec_hash : str
-        SHA-256 of the content: comments, layout, ``[store]`` and ``[[candidate]]`` do not count, defaults written out
-        do not either.
-    """
+    """A valid ``campaign.toml``: attributes are its tables, and the keys of ``[campaign]``."""
 
     folder: FilePath
+    """The campaign's folder."""
+
     name: str
     description: str
     seed: int
     batch: int
     region: Region
+    """Factors and constraints."""
     applications: tuple[ApplicationSpec, ...]
+    """In the order of the file."""
+
     model: ModelSpec
     simulator: SimulatorSpec | None
+    """None in a campaign fed by measured scores only."""
     cost: CostSpec
     stop: StopSpec
     store_url: str | None
+    """``[store] url``."""
     spec_hash: str
+    """SHA-256 of the content: comments, layout, ``[store]`` and ``[[candidate]]`` do not count, defaults written out do
+    not either."""
     considerations: tuple[ConsiderationSpec, ...] = ()
+    """What else counts in a compromise."""
     candidates: tuple[CandidateSpec, ...] = ()
+    """What the optimum is compared with."""
     author: str = ""
     date: str = ""
 

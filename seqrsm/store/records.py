@@ -78,57 +78,43 @@ class ScoreRecord:
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """A stored run.
-
-    Attributes
-    ----------
-    run_id : int
-        From 1 in the order of proposal; never a hash of settings, so repeats are ordinary runs.
-    batch : int
-        From 1.
-    purpose, why, source, cost, block :
-        As of `NewRun`.
-    state : str
-        "issued", "running", "scored", "failed" or "void".
-    proposed, executed : dict, dict or None
-        Settings asked for, and those really flown or simulated where they were recorded.
-    reason : str
-        Why it failed or was made void.
-    fault : str
-        Where a failure lies: "settings", "machine" or "unknown"; "" where it did not fail, and of older failures.
-    attempts : int
-        How often it was begun.
-    owner : str
-        "host:pid:token" of the process that runs it, "" otherwise.
-    replaces : int or None
-        The void run whose place it takes.
-    proposed_at, issued_at, started_at, ended_at, seen_at : str or None
-        UTC, ISO 8601; ``seen_at``: when the process that runs it last said so.
-    scores : tuple of ScoreRecord
-        One for each application scored, in the order of scoring.
-    """
+    """A stored run; ``purpose``, ``why``, ``source``, ``block`` and ``cost`` as of `NewRun`, times UTC, ISO 8601."""
 
     run_id: int
+    """From 1 in the order of proposal; never a hash of settings, so repeats are ordinary runs."""
     batch: int
+    """From 1."""
     purpose: str
     why: str
     source: str
+
     state: str
+    """One of "issued", "running", "scored", "failed" and "void"."""
     proposed: Settings
     executed: Settings | None
+    """Settings asked for, and those really flown or simulated where they were recorded."""
     block: str
     cost: float
+
     reason: str = ""
+    """Why it failed or was made void."""
     attempts: int = 0
+    """How often it was begun."""
     owner: str = ""
+    """Process that runs it, "host:pid:token", "" otherwise."""
     replaces: int | None = None
+    """The void run whose place it takes."""
     proposed_at: str = ""
     issued_at: str | None = None
     started_at: str | None = None
     ended_at: str | None = None
+
     seen_at: str | None = None
+    """When the process that runs it last said so."""
     fault: str = ""
+    """Where a failure lies: "settings", "machine" or "unknown"; "" where it did not fail, and of older failures."""
     scores: tuple[ScoreRecord, ...] = ()
+    """One for each application scored, in the order of scoring."""
 
     @property
     def settings(self) -> Settings:
