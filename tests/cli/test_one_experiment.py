@@ -153,12 +153,15 @@ def test_noting_the_experiment_overtakes_no_decision(tmp_path: Path) -> None:
         assert store.record_look(0, "a", {}) == 1
 
 
-def test_an_application_may_go(begun) -> None:
-    both = '[[application]]\nname = "second"\nutility = "own:mine"\n\n[simulator]'
-    changed(begun, "campaign.toml", "[simulator]", both)
-    assert "for earlier runs" not in run(begun, "--max-runs", "17").output
-    changed(begun, "campaign.toml", both, "[simulator]")
-    assert "for earlier runs" not in run(begun, "--max-runs", "20").output
+def test_an_application_may_come_with_code_of_its_own_and_go(begun) -> None:
+    (begun / "second.py").write_text(OWN.replace("% 7", "% 3"), encoding="utf-8")
+    own, other = (f'[[application]]\nname = "{name}"\nutility = "{name}:mine"\n\n' for name in ("own", "second"))
+    changed(begun, "campaign.toml", "[simulator]", own + other + "[simulator]")
+    came = run(begun, "--max-runs", "17").output
+    changed(begun, "campaign.toml", own, "")
+    told = came + run(begun, "--max-runs", "20").output
+    assert "simulated from" not in told
+    assert "for earlier runs" not in told
 
 
 def test_a_new_application_scores_the_runs_that_there_are(begun) -> None:
@@ -330,13 +333,6 @@ def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
     changed(begun, "campaign.toml", "low = 10.0", "low = 12.0")
     changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 0.5')
     assert run(begun, "--max-runs", "17").exit_code in (0, 3)
-
-
-def test_another_application_may_come_with_code_of_its_own(begun) -> None:
-    (begun / "second.py").write_text(OWN.replace("% 7", "% 3"), encoding="utf-8")
-    second = '[[application]]\nname = "second"\nutility = "second:mine"\n\n[simulator]'
-    changed(begun, "campaign.toml", "[simulator]", second)
-    assert "simulated from" not in run(begun, "--max-runs", "17").output
 
 
 def test_a_fixed_parameter_may_become_a_factor(begun) -> None:
