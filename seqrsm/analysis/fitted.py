@@ -41,13 +41,7 @@ def confirmation_reason(application: str) -> str:
 def fit_application(
     spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], ground: Ground | None = None
 ) -> Fitted:
-    """Fit one application's scores; ``ground`` says what part of their scatter is the ground's.
-
-    Raises
-    ------
-    FitError
-        Fewer scores than terms, or terms that the runs cannot tell apart.
-    """
+    """Fit one application's scores; ``ground``: what part of their scatter is the ground's; errors of `fit_surface`."""
     region = spec.region
     data = scored_runs(region, runs, application.name)
     see_names(spec, runs, application.name)

@@ -326,12 +326,9 @@ def expected_of_flights(
 def surface_of(
     spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit, ground: Ground | None
 ) -> Surface:
-    """The surface that runs and specification call for; ``ground`` tells how flights may differ from simulations.
+    """The surface that runs and specification call for; errors of `random_blocks`.
 
-    Raises
-    ------
-    FitError
-        What the structure cannot be fitted to, `random_blocks`.
+    ``ground`` tells how flights may differ from simulations.
     """
     model = spec.quadratic
     given = (spec.errors, model, data, scale, fit)

@@ -77,12 +77,7 @@ class Campaign:
 
     @classmethod
     def open(cls, folder: Path) -> Self:
-        """Open the campaign in ``folder``, making its store at the first use.
-
-        Raises
-        ------
-        SpecError, StoreError
-        """
+        """The campaign in ``folder``, open, its store made at the first use; errors of `load_spec` and `Store.open`."""
         spec = load_spec(folder)
         store = Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed)
         try:
@@ -97,13 +92,9 @@ class Campaign:
     def analyse_all(
         self, application: str | None = None, *, sampler: Sampler = "exact", n_draws: int = 4000, thorough: bool = False
     ) -> tuple[Analysis, ...]:
-        """Analysis of every application, or of the one named; ``thorough``: see `analyse`; it is remembered.
+        """Analysis of every application, or of the one named; ``thorough`` and errors: see `analyse`; it is remembered.
 
         A thorough one warns of recommended settings of a sensor that is not to be used.
-
-        Raises
-        ------
-        FitError, ConvergenceError, SpecError
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs, bundles, ranked = self.store.runs(), self.store.events(kind=MEASURED), self.store.events(kind=RANKED)
@@ -144,13 +135,7 @@ class Campaign:
         return ()
 
     def record_looks(self, analyses: Sequence[Analysis]) -> None:
-        """Record what was found, once: a second look at the same runs is not a look.
-
-        Raises
-        ------
-        OvertakenError
-            Another process decided meanwhile.
-        """
+        """Record what was found, once: a second look at the same runs is not a look; errors of `Store.record_look`."""
         for analysis in analyses:
             last = self.store.looks(analysis.application)
             then = last[-1].summary["s"] if last and last[-1].after_run == analysis.fit.n_runs else np.inf
@@ -362,12 +347,8 @@ class Campaign:
     ) -> None:
         """Simulate runs that this process holds; those that failed through no fault of theirs are issued again.
 
-        Or runs that are scored, for applications that they have no score of: the others stay.
-
-        Raises
-        ------
-        StoreError
-            None of those could be scored.
+        Or runs that are scored, for applications that they have no score of: the others stay; StoreError if none of
+        them could be scored.
         """
         from seqrsm.campaign.grounds import cells_of_ground
         from seqrsm.campaign.simulation import carry_out, files_of, task_of

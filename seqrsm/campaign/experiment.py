@@ -26,10 +26,7 @@ EXPERIMENT = "experiment"
 def experiment_of(spec: CampaignSpec) -> dict[str, str]:
     """What simulated scores rest on, by name: keys of ``[simulator]`` and its tables, utilities, digests of files.
 
-    Raises
-    ------
-    UserError
-        No simulator, or one that cannot score what is asked for.
+    Errors of `task_of`.
     """
     from seqrsm.campaign.simulation import files_of, task_of
 

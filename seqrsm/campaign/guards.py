@@ -111,12 +111,7 @@ def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Ite
 
 
 def see_meaning(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Refuse settings in another unit and scores of another utility than ``campaign.toml`` tells now; see there.
-
-    Raises
-    ------
-    SpecError, StoreError
-    """
+    """Refuse settings in another unit and scores of another utility than ``campaign.toml`` tells now, see there."""
     see_units(spec, runs)
     see_utilities(store, spec, runs)
 

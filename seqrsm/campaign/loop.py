@@ -182,10 +182,7 @@ class _ClosedLoop:
     def _too_few(self) -> bool:
         """Whether an application's scores cannot be fitted, so that simulated runs of the initial design must come.
 
-        Raises
-        ------
-        StoreError
-            They wait for flights that nobody has scored.
+        StoreError where they wait for flights that nobody has scored.
         """
         spec, runs = self.campaign.spec, self.campaign.store.runs()
         fitted = n_fitted(spec, runs)

@@ -158,13 +158,7 @@ class SimulationTask:
 
     @cached_property
     def acquisitions(self) -> tuple[Acquisition, ...]:
-        """The images that the run makes.
-
-        Raises
-        ------
-        ConfigurationError
-            Parameters of a sensor contradict each other or physics.
-        """
+        """The images that the run makes; errors of `acquisitions_of`."""
         return _kept_acquisitions(pickle.dumps((self.engine, self.settings, self.fixed, self.members)))
 
     def scattering(self, engine: str) -> Any:

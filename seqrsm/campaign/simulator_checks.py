@@ -30,10 +30,6 @@ def see_parameters(spec: CampaignSpec) -> None:
     """Refuse parameters of which no sensor can be built at the centre of the region, before any run is issued or made.
 
     One may be missing since its factor was left out.
-
-    Raises
-    ------
-    SpecError
     """
     try:
         _ = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]).acquisitions
@@ -120,12 +116,8 @@ def _notes_on_fields(spec: CampaignSpec, scene: Scene) -> tuple[str, ...]:
 def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
 
-    Returns each kind of note of the sensors, how often it was met, and one example.
-
-    Raises
-    ------
-    SpecError
-        The settings that cannot be flown, with the numbers.
+    Returns each kind of note of the sensors, how often it was met, and one example; SpecError tells the settings that
+    cannot be flown, with the numbers.
     """
     scene = scene_at(str(spec.scene_path))
     points = spec.region.candidates(n_continuous_levels=3, limit=3000)[:3000]

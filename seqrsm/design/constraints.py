@@ -318,11 +318,5 @@ class Constraint:
 
 
 def arithmetic(text: str) -> Constraint:
-    """Arithmetic in the factors' natural units, as the right side of a comparison.
-
-    Raises
-    ------
-    RegionError
-        As of `Constraint`.
-    """
+    """Arithmetic in the factors' natural units, as the right side of a comparison; errors of `Constraint`."""
     return Constraint(f"0 <= ({text})")

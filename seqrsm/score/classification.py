@@ -213,16 +213,10 @@ def _effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
 
 
 def _covariance_roots(covariance: FloatArray, pooled: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Cholesky roots (n_classes, d, d) of the covariances of classes.
+    """Cholesky roots (n_classes, d, d) of the covariances of classes, of the same shape; ``pixels`` (n_classes,).
 
-    A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
-    being the number of features.
-
-    Parameters
-    ----------
-    covariance, pooled : float64 arrays (n_classes, d, d), (d, d)
-    pixels : float64 array (n_classes,)
-        That each rests on.
+    A covariance from few pixels is drawn towards the pooled one (d, d), as if that rested on 2 (d + 1) pixels, d being
+    the number of features.
     """
     d = len(pooled)
     prior_pixels, own_pixels = 2.0 * (d + 1), pixels[:, None, None]

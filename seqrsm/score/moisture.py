@@ -114,12 +114,7 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
 
 
 def refuse_combination(sensors: Sequence[Sensor]) -> None:
-    """Refuse sensors from which moisture on a date is not retrieved together.
-
-    Raises
-    ------
-    SceneError
-    """
+    """Refuse with SceneError sensors from which moisture on a date is not retrieved together."""
     if len(sensors) > 1 and not all(isinstance(one, RadarConfiguration) for one in sensors):
         text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
         remedy = (

@@ -123,16 +123,8 @@ def _dark(state: Callable[[], AnyArray], pixel: AnyArray, counts: AnyArray, scen
 def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles: int) -> None:
     """Give all pixels of a field the tile of the first of them, or the one that it is itself.
 
-    Parameters
-    ----------
-    field : int32 array (n_pixels,)
-        Below 0 for a pixel of none.
-    large : int64 array (n_fields,)
-        Of `large_fields`.
-    tile : int64 array (n_pixels,)
-        Written to.
-    n_tiles : int
-        Tiles that are no field.
+    ``field`` (n_pixels,) is below 0 for a pixel of none, ``large`` (n_fields,) of `large_fields`, ``tile`` (n_pixels,)
+    written to; ``n_tiles`` are no field.
     """
     inside = np.flatnonzero(field >= 0)
     own = field[inside]

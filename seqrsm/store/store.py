@@ -145,14 +145,8 @@ class Store:
     def add_batch(self, runs: Sequence[NewRun], *, budget: int | None = None) -> tuple[int, ...]:
         """Issue proposals as one batch; all or none; return run ids in the order given. A decision, see `mark`.
 
-        Equal settings are repeats and stay apart. ``budget`` is that of the whole campaign, confirmation runs apart,
-        which must not be passed.
-
-        Raises
-        ------
-        OvertakenError
-        StoreError
-            The budget would be passed; nothing was changed.
+        Equal settings are repeats and stay apart. ``budget`` is that of the whole campaign, confirmation runs apart;
+        StoreError if it would be passed: nothing was changed.
         """
         if not runs:
             return ()

@@ -118,12 +118,7 @@ def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | N
 
     "square_law": I = P**2 / level; "saturation": I = P up to the level and no further; "compression", of small signals:
     I = P**2 / (P + level), square-law below the level and linear above; "agc": the mean over all ranges, followed along
-    the flight over `agc_length_m`, is brought to the level; or a function by name, called with the power array.
-
-    Raises
-    ------
-    ConfigurationError
-        The named function cannot be imported.
+    the flight over `agc_length_m`, is brought to the level; or a `named_function`, called with the power array.
     """
     match radar.receiver:
         case "linear":

@@ -119,12 +119,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
 
 
 def check_targets(targets: Sequence[CulturalTarget], scene_shape: tuple[int, int]) -> None:
-    """Refuse targets that lie outside a scene of so many rows and columns.
-
-    Raises
-    ------
-    SceneError
-    """
+    """Refuse with SceneError targets that lie outside a scene of so many rows and columns."""
     rows, cols = scene_shape
     outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
     if outside:
