@@ -82,20 +82,10 @@ def middle_deg(sensor: NamedSensor) -> float:
 def over_ground(
     sensor: NamedSensor, channels: str, own: Settings, base: Sensor, angle: float, cell_m: float | None
 ) -> Sensor:
-    """A named sensor over the ground of a campaign.
+    """A named ``sensor``, with one of its sets of channels, over the ground of a campaign whose own is ``base``.
 
-    Parameters
-    ----------
-    sensor, channels
-        Which, and its set of channels.
-    own : Mapping
-        Parameters in place of its own.
-    base : Sensor
-        The campaign's, of the same kind.
-    angle : float
-        Incidence angle [deg]; of a radar.
-    cell_m : float or None
-        Side of the cell [m]; None: as the sensor has it.
+    Both are of one kind. ``own`` are parameters in place of the named one's, ``angle`` is the incidence angle of a
+    radar [deg], ``cell_m`` the side of the cell [m]; None: as the sensor has it.
     """
     if isinstance(base, RadarConfiguration):
         made: Sensor = exchanged(base, radar_of(sensor, channels, angle, cell_m), PROPERTIES)

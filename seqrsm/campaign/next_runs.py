@@ -337,20 +337,12 @@ def _settings_of(region: Region, proposal: Proposal, done: Sequence[_Made]) -> d
 
 
 def in_random_order(runs: Sequence[NewRun], seed: int, n_made: int) -> list[NewRun]:
-    """The runs with their flights in random order, each simulation in its place.
+    """The runs of a batch, flown on one occasion, with their flights in random order, each simulation in its place.
 
     What drifts while they are flown (the season, a calibration) is then no longer mixed up with the settings, and
     repeats are not flown one after the other, which would make them look alike (Box, Hunter & Hunter 2005, Statistics
-    for Experimenters, 3.1). A simulation's score does not depend on its place.
-
-    Parameters
-    ----------
-    runs : sequence of NewRun
-        A batch, flown on one occasion.
-    seed : int
-        Of the campaign.
-    n_made : int
-        Runs before this batch, so that each has an order of its own.
+    for Experimenters, 3.1). A simulation's score does not depend on its place. The campaign's ``seed`` and the number
+    of runs before this batch, ``n_made``, give each batch an order of its own.
     """
     places = [index for index, run in enumerate(runs) if run.source == "flight"]
     found = list(runs)

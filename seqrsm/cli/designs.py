@@ -89,28 +89,9 @@ def standalone_design(
     seed: int,
     random_order: bool,
 ) -> dict[str, Any]:
-    """Make a design and tell how good it is.
+    """Make a design of ``factors``, see `factors_of`, and tell how good it is: points, settings, and their quality.
 
-    Parameters
-    ----------
-    factors : tuple of Factor
-        See `factors_of`.
-    constraints : sequence of str
-    runs : int
-        Runs to choose, those at the centre among them.
-    criterion : str
-    order : int
-        1 or 2.
-    centre : int
-        Runs at the centre.
-    seed : int
-    random_order : bool
-        Rows in random order; else as the design is made.
-
-    Returns
-    -------
-    dict
-        Points and what is known of their quality.
+    ``runs`` include those at the ``centre``; ``order`` is 1 or 2; rows are in the order made, or in ``random_order``.
 
     Raises
     ------
