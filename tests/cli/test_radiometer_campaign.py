@@ -283,8 +283,8 @@ def test_sensors_that_moisture_is_not_retrieved_by_together_are_refused_before_a
     dates = "[simulator.members.L]\nfirst_day = 120.0\n[simulator.members.C]\nfirst_day = 121.0\n"
     enough = text.replace("max_runs = 20", "max_runs = 30")
     (folder / "campaign.toml").write_text(enough + dates, encoding="utf-8")
-    told = call("check", folder).output  # what the message below proposes
-    assert "idle time at 9 of 9 settings" in told
+    told = combinations_of(load_spec(folder))  # of what the message below proposes
+    assert any(one.startswith("idle time at 9 of 9 settings") for one in told)
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr("seqrsm.campaign.simulation.carry_out", None)
     for command in ("check", "run"):
