@@ -5,12 +5,14 @@ Heavy libraries are imported inside the command that needs them, so that ``--hel
 
 from __future__ import annotations
 
+import errno
 import gc
 import io
 import os
 import shlex
 import sys
 import warnings
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,6 +23,7 @@ from seqrsm import __version__
 from seqrsm.cli.console import (
     EXIT_BUDGET_SPENT,
     EXIT_CLOSED_PIPE,
+    EXIT_USER_ERROR,
     AsJson,
     StoppedError,
     at_end,
@@ -41,6 +44,10 @@ from seqrsm.plain import counted
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
     from seqrsm.cli.notebook import Campaign
+
+for _number, _name in enumerate(("stdin", "stdout", "stderr")):
+    if getattr(sys, _name) is None:  # closed, as by `>&-`: else the next file, such as the store, would take its place
+        setattr(sys, _name, open(os.devnull, "w" if _number else "r"))  # noqa: SIM115
 
 app = typer.Typer(
     name="seqrsm",
@@ -99,14 +106,18 @@ def main() -> None:
             fail_stopped()
         except typer.Exit as end:
             sys.exit(end.exit_code)
-    except (BrokenPipeError, SystemExit) as end:
+    except (OSError, SystemExit) as end:
         # Of a closed pipe, as that of `| head`, the parser of arguments and the console make an exit of their own.
-        if not isinstance(end, BrokenPipeError) and not isinstance(end.__context__, BrokenPipeError):
+        closed = isinstance(end, BrokenPipeError) or isinstance(end.__context__, BrokenPipeError)
+        if isinstance(end, OSError) and end.errno in (errno.ENOSPC, errno.EDQUOT):
+            with suppress(OSError):
+                say(f"error: the output cannot be written: {end.strerror}. Free some space, and try again.")
+        elif not closed:
             raise
         nobody = os.open(os.devnull, os.O_WRONLY)  # for what is still to be written
         os.dup2(nobody, 1)
         os.dup2(nobody, 2)
-        sys.exit(EXIT_CLOSED_PIPE)
+        sys.exit(EXIT_CLOSED_PIPE if closed else EXIT_USER_ERROR)
 
 
 def _version(wanted: bool) -> None:

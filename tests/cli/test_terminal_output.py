@@ -304,6 +304,23 @@ def test_a_closed_pipe_is_no_error(command: str, stream: str) -> None:
     assert not done.stderr
 
 
+@pytest.mark.parametrize(
+    ("command", "ends", "code", "says"),
+    [
+        ("-m seqrsm --version", ">&- 2>&- <&-", 0, ""),  # as a service may begin it
+        ("-m seqrsm --version", ">/dev/full", 2, "the output cannot be written: No space left on device"),
+        # No file that is opened becomes stdout or stderr, where libraries write.
+        ("-c 'import os, seqrsm.cli.app; os.write(3, str(open(os.devnull).fileno() > 2).encode())'", ">&-", 0, "True"),
+    ],
+)
+def test_output_that_nobody_takes_ends_without_a_traceback(command: str, ends: str, code: int, says: str) -> None:
+    shell = f"({sys.executable} {command} {ends}) 3>&1"
+    done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert says in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_cost_is_told_in_its_unit(tmp_path: Path) -> None:
     folder = make(tmp_path / "c", X, quadratic(), '[model]\norder = 1\n[cost]\nunit = "kEUR"\nflight = 12.5\n')
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
