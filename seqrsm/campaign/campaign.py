@@ -6,7 +6,7 @@ where it was, and ends with the same result as one that was not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -23,6 +23,7 @@ from seqrsm.analysis.runs import coded_settings, evidence, n_determined, n_fitte
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.campaign.guards import see_meaning, see_units
 from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
+from seqrsm.campaign.status import sensor_warnings
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
@@ -112,27 +113,13 @@ class Campaign:
         if not thorough:
             return analyses
         return tuple(
-            replace(one, warnings=one.warnings + self._not_to_be_used(one.optimum.settings)) for one in analyses
+            replace(one, warnings=one.warnings + sensor_warnings(self.spec, one.optimum.settings)) for one in analyses
         )
 
     def compromise(self, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
         """Compromise over all applications and considerations, with warnings as of an analysis; None without."""
         found = campaign_compromise(self.spec, analyses)
-        return None if found is None else replace(found, warnings=self._not_to_be_used(found.settings))
-
-    def _not_to_be_used(self, settings: Mapping[str, float | str]) -> tuple[str, ...]:
-        """Remembered, as it takes the engines; none where they cannot simulate now: results do not need it."""
-        if self.spec.simulator is None:
-            return ()
-
-        def look() -> tuple[str, ...]:
-            from seqrsm.campaign.simulator_checks import not_to_be_used
-
-            return not_to_be_used(self.spec, settings)
-
-        with suppress(UserError, OSError):
-            return remembered(look, ("not to be used", self.spec.spec_hash, dict(settings)))
-        return ()
+        return None if found is None else replace(found, warnings=sensor_warnings(self.spec, found.settings))
 
     def record_looks(self, analyses: Sequence[Analysis]) -> None:
         """Record what was found, once: a second look at the same runs is not a look; errors of `Store.record_look`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -11,12 +12,12 @@ from typing import Any
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import evidence, see_names
 from seqrsm.campaign.guards import see_meaning
-from seqrsm.errors import FitError
+from seqrsm.errors import FitError, UserError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import EventRecord, RunRecord
+from seqrsm.store.records import EventRecord, RunRecord, Settings
 from seqrsm.store.store import Store
 
 
@@ -102,7 +103,7 @@ def latest_look(
     -------
     dict
         ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's
-        summary, or None where there is no fit), ``warnings`` (of that fit), ``reason`` (why scores give none).
+        summary, or None where there is no fit), ``warnings`` (of fit and settings), ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary
@@ -120,6 +121,25 @@ def latest_look(
                 return plain({"last_look": look_summary(analysis), "warnings": analysis.warnings})
 
             found |= remembered(look, made_of)
+            found["warnings"] += sensor_warnings(spec, found["last_look"]["optimum"]["settings"])
     except FitError as error:
         found["reason"] = str(error)
     return found
+
+
+def sensor_warnings(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
+    """Warnings of settings at which a sensor is not to be used; none where they cannot be simulated now.
+
+    Remembered, as it takes the engines; results do not need it.
+    """
+    if spec.simulator is None:
+        return ()
+
+    def look() -> tuple[str, ...]:
+        from seqrsm.campaign.simulator_checks import not_to_be_used
+
+        return not_to_be_used(spec, settings)
+
+    with suppress(UserError, OSError):
+        return remembered(look, ("not to be used", spec.spec_hash, dict(settings)))
+    return ()

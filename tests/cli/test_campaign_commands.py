@@ -547,7 +547,8 @@ def test_check_tells_the_margin_of_a_satellites_data_rate(tmp_path, tiny_scene) 
     folder = make_tiny(tmp_path / "orbit", tiny_scene, TINY.replace("altitude_m = 4000.0", "altitude_m = 600000.0"))
     done = CliRunner().invoke(app, ["run", str(folder), "--max-runs", "12"])
     assert done.exit_code in (0, 3)
-    assert "At these settings this radar cannot be built, speed against orbit" in " ".join(done.stdout.split())
+    for told in (done.stdout, ok("status", folder)):
+        assert "At these settings this radar cannot be built, speed against orbit" in " ".join(told.split())
     rate = json.loads(ok("check", folder, "--json"))["hardware"][-1]
     asked, margin = (float(rate.partition(word)[2].split()[0].rstrip(":")) for word in (": ", "margin "))
     assert margin == pytest.approx(3500.0 / asked, rel=0.01)
