@@ -364,7 +364,7 @@ class Campaign:
                 else:
                     self.store.fail(run.run_id, result.failure, result.fault)
                     if result.fault == "machine" and run.attempts % TRIES:
-                        self.store.issue([run.run_id])
+                        self.store.retry([run.run_id], MAX_ATTEMPTS)
         if lost and (names := self._unscored()):
             k = [one.name for one in self.spec.applications].index(names[0])
             problem = Problem(f"earlier runs cannot be scored for '{names[0]}': {lost[0]}")

@@ -52,8 +52,6 @@ _TOKEN = secrets.token_hex(4)
 _NO_DECISIONS = ("running", "released", "scored", "experiment")
 """Kinds of events that overtake no decision: runs on their way, which were pending when it was made, and from what."""
 
-_ISSUED = {"owner": "", "reason": "", "fault": ""}
-
 
 def _place(location: Path | str, url: str | None) -> Path | str:
     file = STORE_NAME if url is None else url.removeprefix("sqlite:///") if url.startswith("sqlite:///") else ""
@@ -158,15 +156,10 @@ class Store:
                 raise StoreError(message, "Raise [stop] max_runs.", field="max_runs", value=budget)
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1)
 
-    def issue(self, run_ids: Iterable[int]) -> None:
-        """Hand failed runs out again, for another attempt."""
-        with self._write() as ledger:
-            ledger.move(run_ids, "issued", _ISSUED)
-
     def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
         """Issue failed runs again, named ones or all whose failure did not lie with their settings; return their ids.
 
-        ``attempts``: only those that were begun less often; otherwise attempts are counted anew.
+        ``attempts``: of all only those that were begun less often; without it attempts are counted anew.
 
         Raises
         ------
@@ -181,7 +174,8 @@ class Store:
             ids = tuple(run_ids) or tuple(ledger.connection.execute(query).scalars())
             if wrong := [i for i, state in ledger.states(ids).items() if state != "failed"]:
                 raise StoreError(*(Problem("this run has not failed", field="run", value=i) for i in wrong))
-            ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
+            values = {"owner": "", "reason": "", "fault": ""} | ({"attempts": 0} if attempts is None else {})
+            ledger.move(ids, "issued", values, kind="retried")
             return ids
 
     def claim(self, most: int | None = None) -> tuple[RunRecord, ...]:

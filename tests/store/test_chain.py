@@ -68,7 +68,7 @@ def test_runs_that_are_issued_again_were_not_changed(store):
     store.fail(3, "no memory", "machine")
     store.release()
     store.retry([2])
-    store.issue([3])
+    store.retry([3], 9)
     assert [run.state for run in store.runs()] == ["issued"] * 3
     store.verify()
 

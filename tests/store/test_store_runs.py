@@ -81,12 +81,11 @@ def test_the_ordinary_way(store):
 
 
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("target", ["issued", "scored", "failed", "void"])
+@pytest.mark.parametrize("target", ["scored", "failed", "void"])
 def test_only_legal_transitions(store, state, target):
     run_id = bring(store, state)
     before = store.runs()[run_id - 1], store.events()
     action = {
-        "issued": lambda: store.issue([run_id]),
         "scored": lambda: store.record_scores(run_id, [NewScore("ice", 1.0)]),
         "failed": lambda: store.fail(run_id, "why"),
         "void": lambda: store.void(run_id, "why"),
@@ -105,10 +104,10 @@ def test_only_legal_transitions(store, state, target):
 def test_one_illegal_run_stops_the_whole_change(store):
     good, bad = bring(store, "failed"), bring(store, "void")
     with pytest.raises(StoreError, match=f"run {bad} is void"):
-        store.issue([good, bad])
+        store.void([good, bad], "clouds")
     assert store.runs()[good - 1].state == "failed"
     with pytest.raises(StoreError, match="no such run"):
-        store.issue([good, 99])
+        store.void([good, 99], "clouds")
     assert store.runs()[good - 1].state == "failed"
 
 
@@ -131,7 +130,7 @@ def test_numbers_that_are_no_scores(store, score):
 def test_a_failed_run_can_be_tried_again(store):
     run_id = bring(store, "failed")
     assert store.runs()[run_id - 1].reason == "no fuel"
-    store.issue([run_id])
+    store.retry([run_id])
     (run,) = store.claim()
     assert (run.run_id, run.reason, run.attempts) == (run_id, "", 1)
 
@@ -152,7 +151,7 @@ def test_claim_takes_waiting_simulations_only(store):
     assert store.claim() == ()
     assert store.runs()[ids[2] - 1].state == "issued"
     with pytest.raises(StoreError, match="no such run"):
-        store.issue([99])
+        store.retry([99])
 
 
 def test_runs_of_dead_processes_are_released(store, tmp_path, url, monkeypatch):
