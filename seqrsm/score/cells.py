@@ -229,12 +229,18 @@ class CellReader:
             raise ScoresFileError("this line is no header: it names no factor", remedy, file=self.table.name, line=line)
         for one in self.factors:
             if one.name not in self.columns:
-                self.add("no column for this factor", _rename_hint(one, free), line, one.name)
+                hint = _rename_hint(one, free)
+                if hint == _ADD and free:
+                    hint = f"Add it, or rename the one that contains it to '{one.name}': {', '.join(free)}."
+                self.add("no column for this factor", hint, line, one.name)
         self.missing_application(line)
 
     def no_factor(self) -> bool:
-        """Whether no column is a factor's, nor may be one under another name."""
-        return all(o.name not in self.columns and _rename_hint(o, self.free_columns()) == _ADD for o in self.factors)
+        """Whether no column is a factor's, nor may be one under another name unless the next line names one."""
+        below = {split_header(text)[0] for _, cells in self.table.rows[:1] for text in cells}
+        names, free = {one.name for one in self.factors}, self.free_columns()
+        hints = () if names & below else (_rename_hint(one, free) for one in self.factors)
+        return names.isdisjoint(self.columns) and all(hint == _ADD for hint in hints)
 
     def missing_application(self, line: int) -> None:
         """The column that tells one application from another."""
@@ -314,7 +320,7 @@ class CellReader:
             remedy = "Leave the cell empty if there is no value."
         elif text.endswith("%") and column in ("score", "se"):
             remedy = f"Remove the percent sign; the header may be: {column} [%]."
-        elif text.isalpha() or text.endswith("%"):
+        elif (text.isalpha() and not text.casefold().startswith("inf")) or text.endswith("%"):
             remedy = "Units go into the header, as frequency [GHz]; remove lines that are not runs."
         elif "," in text and self.table.delimiter == ",":
             remedy = "Use a decimal point, or, in a text file, separate the cells by semicolons."

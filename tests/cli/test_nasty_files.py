@@ -141,6 +141,12 @@ REFUSED = [
         text(*GOOD[1:], header=GOOD[0]),
         "this line is no header: it names no factor. Begin the file with a line",
     ),
+    (NUMBERS, text(HEADER, *GOOD, header=",,Freq,Result"), "this line is no header"),  # of merged cells
+    (
+        NUMBERS,
+        text(*GOOD, header=HEADER.replace("resolution", "Aufl\u00f6sung (m)")),
+        "Add it, or rename the one that contains it to 'resolution': Aufl\u00f6sung (m).",
+    ),
     (NUMBERS, "<html><table><tr><td>1</td></tr></table></html>\n", "this line is no header"),
     (
         NUMBERS,
@@ -148,6 +154,7 @@ REFUSED = [
         "Use a decimal point, or, in a text file, separate the cells by semicolons.",
     ),
     (NUMBERS, text(*GOOD, "3,12,HH,#DIV/0!"), "this is not a number (got '#DIV/0!')"),
+    (NUMBERS, text(*GOOD, "3,12,HH,inf"), "(got 'inf'). Give a finite number"),
     (NUMBERS, text(*GOOD, "3,12,HH,=B2*2"), "this is not a number (got '=B2*2')"),
     (NUMBERS, text(*GOOD, "3,12,HH,71 \u00b1 2"), "this is not a number"),
     (NUMBERS, text(*GOOD[:3], "# rain from here", *GOOD[3:]), "the row has 1 cells, the header 4"),
