@@ -102,6 +102,8 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         (line, wanted), *others = strange
         message = "there is no such run" + more_rows([row for row, _ in others])
         remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
+        if first == 1:  # as of an export
+            remedy = "This campaign has no runs yet: remove the column run_id, and rows of void runs."
         problems.append(Problem(message, remedy, file.name, line, "run_id", wanted))
     _create(ledger, fresh, batch)
     numbers, ranked_runs = add_rankings(ledger, file, problems)

@@ -755,6 +755,7 @@ def test_run_ids_of_another_campaign_have_one_error(make):
     told = make().ingest(f"run_id,{HEADER}\n1,2,12,HH,70\n2,3,12,HH,71\n3,4,12,HH,72\n", code=2)
     assert told.count("there is no such run") == 1
     assert "scores.csv:2: run_id: there is no such run (so 2 more rows: lines 3, 4) (got 1)" in told
+    assert "This campaign has no runs yet: remove the column run_id, and rows of void runs." in told
 
 
 def test_flights_that_wait_are_not_flown_twice_for_want_of_their_run_ids(make):
