@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 from report_dossiers import simulated_dossier
 
 from seqrsm.analysis.results import SettingPosterior
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.region import Region
 from seqrsm.report.sections.literature import (
     _compare_levels,
+    _compare_range,
     _fixed,
     catalogue_words,
     comparisons,
@@ -97,6 +101,26 @@ def test_polarization_is_compared_by_channels(dossier):
     assert "HV" in row.why
     found = rows_of(dossier.spec, with_optimum(dossier, "polarization", "VV", 0.0, 0.0))
     assert found["polarization"].verdict == "agrees"
+
+
+@pytest.mark.parametrize(
+    ("levels", "verdict", "why"),
+    [
+        (("L", "X", "L+X"), "not excluded", "X within the printed range"),
+        (("L", "C", "12"), "agrees", "within the printed range"),
+        (("9.6", "L+1.2"), "differs", "outside the printed range"),
+        (("L", "L+P"), "not comparable", "the campaign's region lies outside"),
+        (("X", "wide"), "not comparable", "no numbers"),
+    ],
+)
+def test_a_band_or_set_of_bands_is_compared(dossier, levels, verdict, why):
+    """Sets were left out: 2 of 2 comparable parameters agreed."""
+    best = SimpleNamespace(settings={"frequency": levels[-1]})
+    analysis = SimpleNamespace(region=Region((CategoricalFactor("frequency", levels),)), optimum=best)
+    ranges = looked_up(dossier.spec, dossier.analyses[0].application)[2].ranges
+    row = _compare_range(dossier.spec, analysis, next(one for one in ranges if one.name == "frequency"))
+    assert (row.verdict, row.found) == (verdict, f"{levels[-1]} (of {', '.join(levels)})")
+    assert why in row.why
 
 
 def test_a_phase_is_not_compared(dossier):

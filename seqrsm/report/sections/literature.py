@@ -30,6 +30,7 @@ from seqrsm.report.wording import (
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
 from seqrsm.sensor.radar import PHASE
+from seqrsm.sensor.sets import frequency_of
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import unit_factor
 
@@ -127,8 +128,10 @@ def _phrases(words: tuple[str, ...]) -> Iterator[str]:
 def _compare_range(spec: CampaignSpec, analysis: Analysis, item: StartRange) -> Comparison | None:
     factor = next((f for f in analysis.region.factors if f.name == item.name), None)
     if isinstance(factor, CategoricalFactor):
-        return None
-    if factor is None:
+        level = str(analysis.optimum.settings[factor.name])
+        found = f"{level} (of {describe_factor(factor)[1]})"
+        verdict, why = _of_levels(spec, item, level, factor.levels)
+    elif factor is None:
         fixed = _fixed(spec, item.name)
         if fixed is None or isinstance(fixed, str):
             return None
@@ -163,6 +166,21 @@ def _verdict(
     if not _overlap(region, item.ends):
         return "not comparable", "the campaign's region lies outside the printed range"
     return "differs", "outside the printed range"
+
+
+def _of_levels(spec: CampaignSpec, item: StartRange, level: str, levels: Sequence[str]) -> tuple[str, str]:
+    """Verdict and reason on a level that is a number, a band, or a set of these."""
+    members = {} if spec.simulator is None else spec.simulator.members
+    values = {part: frequency_of(part, members) for one in levels for part in one.split("+")}
+    known = [value for value in values.values() if value is not None]
+    if len(known) < len(values):
+        return "not comparable", "levels that are no numbers"
+    region = min(known), max(known)
+    found = {part: _verdict(item, value := values[part] or 0.0, (value, value), region) for part in level.split("+")}
+    if len({verdict for verdict, _ in found.values()}) == 1:
+        return next(iter(found.values()))
+    inside = listing([part for part, (verdict, _) in found.items() if verdict == "agrees"])
+    return "not excluded", f"{inside} within the printed range"
 
 
 def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
