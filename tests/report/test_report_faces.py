@@ -532,6 +532,15 @@ def test_what_is_too_tall_for_the_rest_of_a_page_begins_there_all_the_same(block
     assert second.extract_text()
 
 
+@pytest.mark.parametrize(("words", "most"), [(20, 8), (80, 5)])
+def test_a_long_caption_takes_the_width_of_the_page(words: int, most: int) -> None:
+    """That of a set of sensors was squeezed into the quarter that is left beside seven panels."""
+    figure = FigureBlock(lambda: tuple(svg_panel(name) for name in "abcdefg"), "word " * words, columns=4)
+    paper = render_pdf(Report("Title", "", "state", "1", (Section("s", "Section", (figure,)),)))
+    lines = [line for line in PdfReader(io.BytesIO(paper)).pages[0].extract_text().splitlines() if "word" in line]
+    assert max(2, most - 4) <= len(lines) <= most
+
+
 def test_columns_are_sorted_by_their_numbers_not_by_what_is_shown() -> None:
     """Ten digits: enough to tell values apart, and the same on any machine."""
     values = [1234.56789, 1234.56788, -2.5e-7]
