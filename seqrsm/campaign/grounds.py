@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from seqrsm.campaign.rests_on import mean_sds
 from seqrsm.campaign.simulation import SimulationTask, bundle_tasks, carry_out, files_of
 from seqrsm.campaign.tradeoff import COARSENED, coarsest_within
 from seqrsm.design.factors import CategoricalFactor
+from seqrsm.progress import tell
 from seqrsm.simulate.runner import run_many
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.store import Store
@@ -43,8 +45,9 @@ def scores_of(
     """Scores (n,) of an application by simulations that are no run's; nan where one failed."""
     tasks = [replace(task, utilities=tuple(u for u in task.utilities if u[0] == application)) for task in tasks]
     files = files_of(tasks[0]) if cluster is not None else ()
+    progress = partial(tell, "simulating other grounds")
     found = np.full(len(tasks), np.nan)
-    for index, result in run_many(carry_out, tasks, workers, cluster=cluster, files=files):
+    for index, result in run_many(carry_out, tasks, workers, progress, cluster, files):
         for one in getattr(result, "scores", ()):
             found[index] = one.score
     return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,12 +12,14 @@ from short_search import optimal_design
 from shorthands import sample_posterior
 
 from seqrsm import progress
+from seqrsm.campaign import grounds
 from seqrsm.campaign.campaign import _told
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
+Task = dataclasses.make_dataclass("Task", ["utilities", "score"])
 FACTORS = tuple(ContinuousFactor(name, -1.0, 1.0) for name in "xyz")
 
 
@@ -33,6 +37,14 @@ def rising(told, label):
     assert all(0 <= done <= total for done, total in counts)
     assert all(a[0] <= b[0] for a, b in itertools.pairwise(counts))
     return counts
+
+
+def test_simulations_of_other_grounds_are_counted(monkeypatch):
+    """On two million cells they took ten minutes, of which nothing was told."""
+    monkeypatch.setattr(grounds, "carry_out", lambda task: SimpleNamespace(scores=[SimpleNamespace(score=task.score)]))
+    scores, told = heard_of(lambda: grounds.scores_of([Task((), 3.0), Task((), 4.0)], "crops"))
+    assert scores.tolist() == [3.0, 4.0]
+    assert told == [("simulating other grounds", 1, 2), ("simulating other grounds", 2, 2)]
 
 
 @pytest.mark.parametrize("constraints", [(), (Constraint("x + y <= 0.5"),)])
