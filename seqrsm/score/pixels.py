@@ -16,7 +16,7 @@ from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score import kernels_classify
-from seqrsm.simulate.radar.result import RadarImage, in_shadow
+from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 Image: TypeAlias = RadarImage | RadiometerImage
@@ -80,10 +80,9 @@ _known_ground: WeakKeyDictionary[Callable[[], AnyArray], dict[tuple[Scene, float
 
 def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     """As `pixels_of`, with tiles of a side [m]; keys are whole numbers."""
-    state: Callable[[], AnyArray] = partial(np.zeros, scene.shape, dtype=np.uint8)
     if isinstance(image, RadarImage):
         _, n_rows, n_columns = image.intensity.shape
-        pixel, state = image.pixel_of_cell, image.state
+        pixel, in_shadow = image.pixel_of_cell, image.in_shadow
         ground = image.ground_range_m
         # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
         across, along = image.place_m(*np.indices((n_rows, n_columns), sparse=True))
@@ -95,7 +94,7 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
             across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
     else:
         n_rows, n_columns = image.brightness_k.shape[1:]
-        pixel = seen_pixels(image)
+        pixel, in_shadow = seen_pixels(image), lambda: np.zeros(scene.shape, dtype=np.bool_)
         scan = image.scan
         half = 0.5 * scene.shape[image.quarter_turns % 2] * scene.cell_m
         # From the left edge of the scene, held at its edges.
@@ -110,14 +109,16 @@ def _ground_in_pixels(image: Image, scene: Scene, side: float) -> Pixels:
     _keep_fields_whole(main, large, tile, n_tiles)
     keys = np.append(np.zeros(n_tiles), 1.0 + categories_of_fields(scene)[own])
     seen = np.bincount(tile[field != -1], minlength=len(keys)) > 0
-    return Pixels(pixel, counts, field, tile, seen, keys, side, cache(partial(_dark, state, pixel, counts, scene)))
+    return Pixels(pixel, counts, field, tile, seen, keys, side, cache(partial(_dark, in_shadow, pixel, counts, scene)))
 
 
-def _dark(state: Callable[[], AnyArray], pixel: AnyArray, counts: AnyArray, scene: Scene) -> BoolArray:
-    """See `Pixels.dark`; ``state`` gives that of each cell."""
-    of_cells = pixel[in_shadow(state()) & scene.scored]
+def _dark(in_shadow: Callable[[], BoolArray], pixel: AnyArray, counts: AnyArray, scene: Scene) -> BoolArray:
+    """See `Pixels.dark`; ``in_shadow`` tells it of each cell."""
+    of_cells = pixel[in_shadow() & scene.scored]
     cells = np.bincount(of_cells[of_cells >= 0], minlength=len(counts))
-    return np.asarray(2 * cells > np.einsum("nk->n", counts))
+    found, some = np.zeros(len(counts), dtype=np.bool_), np.flatnonzero(cells)  # shadow is rare: few rows of counts
+    found[some] = 2 * cells[some] > counts[some].sum(axis=1)
+    return found
 
 
 def _keep_fields_whole(field: IntArray, large: IntArray, tile: IntArray, n_tiles: int) -> None:

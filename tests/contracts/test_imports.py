@@ -57,8 +57,7 @@ def test_fit_and_status_load_no_engine() -> None:
 def test_engines_load_numba_with_the_first_kernel_that_is_called() -> None:
     code = "import numpy as np, seqrsm.campaign.dossier, seqrsm.campaign.loop, seqrsm.simulate.radar.psm"
     assert not loaded_by(code) & {"numba", "scipy.ndimage", "scipy.sparse", "scipy.interpolate"}
-    given = "np.ones((3, 4)), np.ones(3), np.ones((3, 4), dtype=np.uint8), np.ones(4)"
-    call = f"seqrsm.simulate.radar.kernels.mark_layover({given})"
+    call = "seqrsm.simulate.radar.kernels_speckle.relate(np.ones(9), np.uint64(0))"
     assert "numba" in loaded_by(f"{code}\n{call}")
 
 

@@ -11,7 +11,7 @@ from seqrsm.jit import kernel
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, paired_table
+from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, out_of_order, paired_table
 from seqrsm.simulate.radar.frame import RadarFrame
 from seqrsm.simulate.radar.psm import simulate_radar
 
@@ -22,7 +22,7 @@ class PowerMap:
 
     ``power`` (n_channels, n, m): sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x
     atmosphere, both two-way and relative to their best; 0 where nothing returns. ``offset`` (n, m): range position
-    minus that of flat ground in the same row [bins]. ``state`` (n, m): bits of `kernels`.
+    minus that of flat ground in the same row [bins]. ``state`` (n, m): bits of shadow.
     """
 
     frame: RadarFrame
@@ -30,6 +30,10 @@ class PowerMap:
     power: np.ndarray
     offset: np.ndarray
     state: np.ndarray
+
+    @property
+    def layover(self) -> np.ndarray:
+        return out_of_order(self.offset, self.base[1:-1])
 
     @property
     def base(self) -> np.ndarray:
@@ -74,7 +78,8 @@ def power_cells(
             for j in range(m):
                 offset[i, left + j] = w[kernels._OFFSET + j]
             kernels._range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, 0.0, 1.0, w)
-            kernels._state_row(cover, row, n_categories, left, m, w, state, i)
+            for j in range(m):
+                state[i, left + j] = np.uint8(w[kernels._DARK + j])
             if pattern.shape[0] > 0:
                 kernels._pattern_row(z, row, geometry, i, pattern, left, m, w)
             kernels._index_row(cover, row, n_categories, steps, left, m, index, w)
@@ -112,7 +117,6 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
         state,
         *kernels.work_lines(frame.elevation_m, table),
     )
-    kernels.mark_layover(offset, grid.base[1:-1], state, np.empty(shape[1], dtype=dtype))
     return PowerMap(frame, grid, power, offset, state)
 
 

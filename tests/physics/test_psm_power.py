@@ -107,7 +107,7 @@ def test_layover_mask_is_that_of_the_sorted_ranges(dtype):
     before = np.vstack([np.full((1, m), -np.inf), np.maximum.accumulate(r, axis=0)[:-1]])
     after = np.vstack([np.minimum.accumulate(r[::-1], axis=0)[::-1][1:], np.full((1, m), np.inf)])
     expected = (r <= before) | (r >= after)
-    got = (p.state & kernels.LAYOVER) != 0
+    got = p.layover
     assert 0.05 < expected.mean() < 0.95
     assert np.mean(got != expected) <= (0.0 if dtype is np.float64 else 1e-3)
 
@@ -162,4 +162,3 @@ def test_each_element_uses_its_own_category_and_field():
     expected = np.where(f.cover == 1, 0.4, 0.1) * np.where(f.field == 1, 3.0, 1.0) * r4[:, None]
     expected[0, 0] = 0.0
     np.testing.assert_allclose(p.power[0], expected, rtol=1e-12)
-    assert p.state[0, 0] == kernels.NO_DATA

@@ -13,7 +13,7 @@ from shorthands import percent_correct
 from seqrsm.score.evidence import _shown, evidence_of
 from seqrsm.score.pixels import _dark, pixels_of
 from seqrsm.sensor.named import with_noise
-from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import out_of_order
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.simulate.radar.psm import simulate_radar, tops_counted_twice
 from seqrsm.simulate.radar.targets import CulturalTarget
@@ -153,15 +153,15 @@ def test_a_pixel_teaches_unless_it_is_mostly_shadow_and_dark_in_all_channels():
     s = scene(np.zeros((16, 16)), 5.0)
     image = still(s, radar(earth="flat", resolution_m=10.0), Table((-10.0,)))
     pixel, n = image.pixel_of_cell, image.mean_power[0].size
-    shadow, scored = np.zeros((16, 16), dtype=np.uint8), np.ones((16, 16), dtype=bool)
+    shadow, scored = np.zeros((16, 16), dtype=bool), np.ones((16, 16), dtype=bool)
     whole = np.flatnonzero(np.bincount(pixel.ravel(), minlength=n) == 4)[:5]
     for k, cells in zip(whole, (4, 3, 2, 3, 3), strict=True):
-        shadow[tuple(np.argwhere(pixel == k)[:cells].T)] = kernels.CAST_SHADOW
-    scored[(pixel == whole[4]) & (shadow > 0)] = False  # and what is scored of the last is lit
+        shadow[tuple(np.argwhere(pixel == k)[:cells].T)] = True
+    scored[(pixel == whole[4]) & shadow] = False  # and what is scored of the last is lit
     power = np.full((2, n), 0.5)
     power[1, whole[3]] = power[0, -1] = 2.0  # noise is 1
     power, noise = power.reshape(2, *image.mean_power.shape[1:]), np.ones_like(image.noise_power_w)
-    seen = replace(image, mean_power=power, noise_power_w=noise, state=lambda: shadow)
+    seen = replace(image, mean_power=power, noise_power_w=noise, in_shadow=lambda: shadow, laid_over=None)
     pixels = pixels_of([seen], replace(s, scored=scored), seed=1, run_id=1)
     silent = np.flatnonzero(_shown(seen, pixels, pixels.counts)[:, 0] == 0)
     np.testing.assert_array_equal(np.intersect1d(silent, whole), whole[:2])
@@ -199,12 +199,12 @@ def test_elevations_that_hold_the_trees_already_are_told(of_tops, told):
 
 def test_ground_that_has_no_pixel_darkens_none() -> None:
     """Of the second pixel one cell of two lies in shadow, as does one that no pixel shows."""
-    pixel, state = np.array([[-1, 0], [1, 1]]), np.array([[1, 0], [1, 0]], dtype=np.uint8) * kernels.CAST_SHADOW
+    pixel, shadow = np.array([[-1, 0], [1, 1]]), np.array([[True, False], [True, False]])
     of_ground = SimpleNamespace(scored=np.ones((2, 2), dtype=bool))
     counts = np.array([[1], [2]])
-    assert not _dark(lambda: state, pixel, counts, of_ground).any()
-    state[1, 1] = kernels.SELF_SHADOW
-    np.testing.assert_array_equal(_dark(lambda: state, pixel, counts, of_ground), [False, True])
+    assert not _dark(lambda: shadow, pixel, counts, of_ground).any()
+    shadow[1, 1] = True
+    np.testing.assert_array_equal(_dark(lambda: shadow, pixel, counts, of_ground), [False, True])
 
 
 def test_layover_is_ground_whose_range_other_ground_has_passed() -> None:
@@ -218,8 +218,5 @@ def test_layover_is_ground_whose_range_other_ground_has_passed() -> None:
     expected = [
         [((one >= one[i]) & before[:, i]).any() or ((one <= one[i]) & before[i]).any() for i in row] for one in place.T
     ]
-    state = np.full(offset.shape, kernels.CAST_SHADOW, dtype=np.uint8)
-    kernels.mark_layover(offset, base, state, np.empty(40))
-    np.testing.assert_array_equal((state & kernels.LAYOVER) != 0, np.transpose(expected))
-    assert (state & kernels.CAST_SHADOW).all()
+    np.testing.assert_array_equal(out_of_order(offset, base), np.transpose(expected))
     assert 0.2 < np.mean(expected) < 0.95

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray
 from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import range_geometry
@@ -226,12 +226,12 @@ def echo_sums(
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
     factor = field_factor.astype(dtype, order="C")  # in another order the kernel would be compiled once more
     found = paired_table(lut, dtype), lut.shape[1], factor, radar.pattern_lut().astype(dtype)
-    unseen = np.empty((0, 0), dtype=dtype), np.empty((0, 0), dtype=np.uint8)
+    dark = np.empty((0, 0), dtype=np.uint8)
     parts = min(threads, m)
     edges = [k * m // parts for k in range(parts + 1)]
 
     def do(k: int) -> None:
-        _sum_echoes(radar, grid, found, (edges[k], edges[k + 1]), out, unseen)
+        _sum_echoes(radar, grid, found, (edges[k], edges[k + 1]), out, dark)
 
     do_all(do, len(edges) - 1, threads)
     return out
@@ -243,7 +243,7 @@ def _sum_echoes(
     tables: tuple[AnyArray, int, AnyArray, AnyArray],
     columns: tuple[int, int],
     out: AnyArray,
-    seen: tuple[AnyArray, AnyArray],
+    dark: AnyArray,
 ) -> None:
     """Some columns of a frame by the kernel; ``tables``: sigma0, its categories, factors of fields, antenna pattern."""
     frame = grid.frame
@@ -252,7 +252,7 @@ def _sum_echoes(
     sigma0, n_categories, factor, pattern = tables
     lines = kernels.work_lines(frame.elevation_m, sigma0)
     kernels.sum_echoes(
-        *layers, *ranges, sigma0, n_categories, factor, pattern, grid.base, grid.first, *columns, out, *seen, *lines
+        *layers, *ranges, sigma0, n_categories, factor, pattern, grid.base, grid.first, *columns, out, dark, *lines
     )
 
 
@@ -289,21 +289,46 @@ def pixels_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> 
     return pixel
 
 
-def state_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> AnyArray:
-    """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols)."""
-    frame, n_categories = grid.frame, len(scene.categories)
-    shape = (len(frame.source), frame.elevation_m.shape[1])
-    dtype = frame.elevation_m.dtype
-    offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
-    # No channels: position and state alone.
-    sigma0 = np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
-    tables = sigma0, n_categories, np.empty((0, 0), dtype=dtype), np.empty(0, dtype=dtype)
-    nothing = np.empty((0, grid.n_bins, shape[1]), dtype=dtype)
-    _sum_echoes(radar, grid, tables, (0, shape[1]), nothing, (offset, state))
-    kernels.mark_layover(offset, grid.base[1:-1], state, np.empty(shape[1], dtype=dtype))
-    del offset
-    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+def shadow_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> BoolArray:
+    """Whether each cell of a scene returns nothing for geometry, (rows, cols)."""
+    frame = grid.frame
+    dtype, m = frame.elevation_m.dtype, frame.elevation_m.shape[1]
+    dark = np.empty((len(frame.source), m), dtype=np.uint8)
+    sigma0 = np.empty((0, 2), dtype=np.result_type(dtype, np.complex64))
+    tables = sigma0, 0, np.empty((0, 0), dtype=dtype), np.empty(0, dtype=dtype)
+    _sum_echoes(radar, grid, tables, (0, m), np.empty((0, grid.n_bins, m), dtype=dtype), dark)
+    return _of_scene(dark != 0, frame, scene)
+
+
+def layover_of_cells(scene: Scene, radar: RadarConfiguration, grid: EchoGrid) -> BoolArray:
+    """Whether the echo of each cell of a scene is mixed with other ground in range, (rows, cols)."""
+    frame, ground_format = grid.frame, radar.range_format == "ground"
+    offset = np.empty((len(frame.source), frame.elevation_m.shape[1]), dtype=frame.elevation_m.dtype)
+    for i, row in enumerate(frame.source):
+        offset[i] = range_offset(frame.elevation_m[row : row + 1], grid.geometry[i : i + 1], ground_format)
+    return _of_scene(out_of_order(offset, grid.base[1:-1]), frame, scene)
+
+
+def out_of_order(offset: AnyArray, base: FloatArray) -> BoolArray:
+    """Where the order of ranges differs from the order on the ground, (n, m): two sweeps, no sort.
+
+    ``offset`` (n, m): range position minus that of the datum of the row, ``base`` (n,) [bins].
+    """
+
+    def passed(offset: AnyArray, base: FloatArray, sign: float) -> BoolArray:
+        found, far = np.zeros(offset.shape, dtype=np.bool_), sign * offset[0]
+        for i, step in enumerate(np.diff(sign * base).astype(offset.dtype), start=1):
+            reach, here = far - step, sign * offset[i]
+            found[i] = here <= reach
+            far = np.maximum(reach, here)
+        return found
+
+    return passed(offset, base, 1.0) | passed(offset[::-1], base[::-1], -1.0)[::-1]
+
+
+def _of_scene(layer: BoolArray, frame: RadarFrame, scene: Scene) -> BoolArray:
+    """Rows of a frame (n, m) as `to_scene` has them; False beyond the swath."""
+    whole = np.zeros(frame.elevation_m.shape, dtype=np.bool_)
     first = int(frame.source[frame.pad_near])
-    whole = np.full(frame.elevation_m.shape, kernels.NO_DATA, dtype=np.uint8)
-    whole[first : first + frame.n_rows] = state[own]
-    return to_scene(whole, frame, scene.shape, kernels.NO_DATA)
+    whole[first : first + frame.n_rows] = layer[frame.pad_near : frame.pad_near + frame.n_rows]
+    return to_scene(whole, frame, scene.shape, 0)

@@ -20,8 +20,6 @@ from seqrsm.jit import kernel
 
 CAST_SHADOW = 1
 SELF_SHADOW = 2
-LAYOVER = 4
-NO_DATA = 8
 
 STRIP = 1024
 """Columns done at a time: the work lines of a strip stay in the core's first cache."""
@@ -63,8 +61,7 @@ def sum_echoes(
     low: int,
     high: int,
     out: AnyArray,
-    offset: AnyArray,
-    state: AnyArray,
+    dark: AnyArray,
     w: AnyArray,
     pairs: AnyArray,
     index: AnyArray,
@@ -117,11 +114,8 @@ def sum_echoes(
         Columns to do, ``low <= j < high``.
     out : float array (n_channels, n_bins, m)
         Zeroed by the caller; sums of sigma0 x surface area / cell**2 x (reference range / range)**4 are added.
-    offset : float array (n, m)
-        Written: range position minus that of the datum in the same row [bins]; without rows it is left out, and so is
-        `state`.
-    state : uint8 array (n, m)
-        Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
+    dark : uint8 array (n, m)
+        Written where there are no channels: bits CAST_SHADOW and SELF_SHADOW, and nothing else is worked out.
     w, pairs, index : arrays
         Of `work_lines`.
     """
@@ -132,24 +126,23 @@ def sum_echoes(
         _first_row(z, top, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
             row = source[i]
+            _slope_row(z, row, left, m, geometry[i, 9], w)
+            _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
+            if out.shape[0] == 0:
+                for j in range(m):
+                    dark[i, left + j] = np.uint8(w[_DARK + j])
+                continue
             # Bins are counted from one near the row, so that single precision holds their fractions.
             origin = math.floor(base[i + 1])
             near = 0.5 * (base[i] + base[i + 1]) - origin
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
-            _slope_row(z, row, left, m, geometry[i, 9], w)
-            _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
-            if offset.shape[0] > 0:
-                for j in range(m):
-                    offset[i, left + j] = w[_OFFSET + j]
-                _state_row(cover, row, n_categories, left, m, w, state, i)
             _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
             if pattern.shape[0] > 0:
                 _pattern_row(z, row, geometry, i, pattern, left, m, w)
             _index_row(cover, row, n_categories, steps, left, m, index, w)
             for c in range(out.shape[0]):
                 _echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
-            if out.shape[0] > 0:
-                _add_row(origin - first, left, m, w, out)
+            _add_row(origin - first, left, m, w, out)
 
 
 def work_lines(z: AnyArray, table: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -283,15 +276,6 @@ def _range_row(
 
 
 @kernel
-def _state_row(
-    cover: AnyArray, row: int, none: int, left: np.uint64, m: np.uint64, w: AnyArray, state: AnyArray, i: int
-) -> None:
-    """Bits CAST_SHADOW, SELF_SHADOW and NO_DATA."""
-    for j in range(m):
-        state[i, left + j] = np.uint8(w[_DARK + j]) | np.uint8(NO_DATA if cover[row, left + j] >= none else 0)
-
-
-@kernel
 def _pattern_row(
     z: AnyArray, row: int, geometry: AnyArray, i: int, pattern: AnyArray, left: np.uint64, m: np.uint64, w: AnyArray
 ) -> None:
@@ -414,43 +398,6 @@ def _offset_row(
     for j in range(first, first + m):
         rise = line[j] * (line[j] - twice_h)
         line[j] = max(rise * to_bins / (one + math.sqrt(max(one + rise * per_place2, zero))), least)
-
-
-@kernel
-def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray, far: AnyArray) -> None:
-    """Set the LAYOVER bit where the order of slant ranges differs from the order on the ground; two sweeps, no sort.
-
-    Parameters
-    ----------
-    offset : float array (n, m)
-        Range position minus the row's [bins].
-    base : float64 array (n,)
-        Range position of the datum in each row [bins].
-    state : uint8 array (n, m)
-        Changed in place.
-    far : float array (m,)
-        Work space.
-    """
-    n, m = offset.shape
-    bit = np.uint8(LAYOVER)
-    for j in range(m):
-        far[j] = offset[0, j]
-    for i in range(1, n):
-        step = offset.dtype.type(base[i] - base[i - 1])
-        for j in range(m):
-            reach = far[j] - step
-            if offset[i, j] <= reach:
-                state[i, j] |= bit
-            far[j] = reach if reach > offset[i, j] else offset[i, j]
-    for j in range(m):
-        far[j] = offset[n - 1, j]
-    for i in range(n - 2, -1, -1):
-        step = offset.dtype.type(base[i + 1] - base[i])
-        for j in range(m):
-            reach = far[j] + step
-            if offset[i, j] >= reach:
-                state[i, j] |= bit
-            far[j] = reach if reach < offset[i, j] else offset[i, j]
 
 
 @kernel

@@ -31,9 +31,10 @@ from seqrsm.simulate.radar.echo import (
     echo_grid,
     echo_sums,
     field_factors,
+    layover_of_cells,
     pixels_of_cells,
+    shadow_of_cells,
     sigma0_lut,
-    state_of_cells,
 )
 from seqrsm.simulate.radar.fading import correlated_fading, fade_together, gamma_tables, normal_table, spread_over_cells
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
@@ -123,10 +124,11 @@ def expected_image(scene: Scene, radar: RadarConfiguration, table: Sigma0Table, 
 @cached_by_thread  # occasions of one setting, and dates of one sensor, share it
 def _geometry(
     scene: Scene, radar: RadarConfiguration, precision: Precision
-) -> tuple[EchoGrid, Callable[[], AnyArray], Callable[[], AnyArray]]:
-    """Grid of a radar over a scene; pixels and state of the scene's cells for when they are asked for."""
+) -> tuple[EchoGrid, *tuple[Callable[[], AnyArray], ...]]:
+    """Grid of a radar over a scene; pixels, shadow and layover of the scene's cells for when they are asked for."""
     grid = echo_grid(make_frame(scene, radar, precision), radar)
-    return grid, cache(partial(pixels_of_cells, scene, radar, grid)), cache(partial(state_of_cells, scene, radar, grid))
+    asked = (cache(partial(of, scene, radar, grid)) for of in (pixels_of_cells, shadow_of_cells, layover_of_cells))
+    return grid, *asked
 
 
 def _form_image(
@@ -167,7 +169,8 @@ def _form_image(
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
         registration=of_cells[0],
-        state=of_cells[1],
+        in_shadow=of_cells[1],
+        laid_over=of_cells[2],
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,

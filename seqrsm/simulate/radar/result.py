@@ -12,7 +12,6 @@ import numpy as np
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.scattering.sigma0 import Sigma0Table
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.occasion import Occasion
 from seqrsm.units import linear_to_db
 
@@ -46,8 +45,9 @@ class RadarImage:
     """Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that of
     its rectangular picture."""
     registration: Callable[[], AnyArray]
-    state: Callable[[], AnyArray]
-    """Give what `pixels_of_cells` and `state_of_cells` do; made when asked for, and once."""
+    in_shadow: Callable[[], BoolArray]
+    laid_over: Callable[[], BoolArray]
+    """Give what `pixels_of_cells`, `shadow_of_cells` and `layover_of_cells` do; made when asked for, and once."""
     radar: RadarConfiguration
 
     occasion: Occasion
@@ -72,12 +72,12 @@ class RadarImage:
     @property
     def shadow(self) -> BoolArray:
         """Cells of the scene (rows, cols) that return nothing for geometry."""
-        return in_shadow(self.state())
+        return self.in_shadow()
 
     @property
     def layover(self) -> BoolArray:
         """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
-        return np.asarray((self.state() & np.uint8(kernels.LAYOVER)) != 0)
+        return self.laid_over()
 
     def record(self, categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: plain numbers and names."""
@@ -100,11 +100,6 @@ class RadarImage:
             return np.asarray(across), np.asarray((column + 0.5) * self.azimuth_spacing_m)
         bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
         return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
-
-
-def in_shadow(state: AnyArray) -> BoolArray:
-    """Cells that return nothing for geometry, from their bits of `kernels`."""
-    return np.asarray((state & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
 
 
 def rectangular_pixels(image: RadarImage) -> IntArray:
