@@ -11,7 +11,7 @@ from seqrsm.jit import kernel
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, out_of_order, paired_table
+from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, out_of_order, paired_table, range_offset
 from seqrsm.simulate.radar.frame import RadarFrame
 from seqrsm.simulate.radar.psm import simulate_radar
 
@@ -53,7 +53,7 @@ def power_cells(
     field,
     geometry,
     rows,
-    ground_format,
+    first,
     table,
     n_categories,
     field_factor,
@@ -70,7 +70,9 @@ def power_cells(
     steps = table.shape[1] // (n_categories + 1) - 1
     for begin in range(0, z.shape[1], kernels.STRIP):
         left, m = np.uint64(begin), np.uint64(min(kernels.STRIP, z.shape[1] - begin))
-        kernels._first_row(z, top, source[0], left, m, geometry, ground_format, w)
+        for j in range(m):
+            w[kernels._RAY + j] = top[source[0], left + j]
+            w[kernels._OFFSET + j] = w[kernels._EDGE + j] = first[left + j]
         for i in range(n):
             row = source[i]
             kernels._slope_row(z, row, left, m, geometry[i, 9], w)
@@ -107,7 +109,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
         frame.field,
         grid.geometry,
         grid.rows.astype(dtype),
-        radar.range_format == "ground",
+        range_offset(frame.elevation_m[frame.source[:1]], grid.geometry[:1], radar.range_format == "ground")[0],
         table,
         lut.shape[1],
         field_factor.astype(dtype),

@@ -248,7 +248,8 @@ def _sum_echoes(
     """Some columns of a frame by the kernel; ``tables``: sigma0, its categories, factors of fields, antenna pattern."""
     frame = grid.frame
     layers = frame.elevation_m, frame.top_m, frame.source, frame.cover, frame.field
-    ranges = grid.geometry, grid.rows.astype(frame.elevation_m.dtype), radar.range_format == "ground"
+    offset = range_offset(frame.elevation_m[frame.source[:1]], grid.geometry[:1], radar.range_format == "ground")[0]
+    ranges = grid.geometry, grid.rows.astype(frame.elevation_m.dtype), offset
     sigma0, n_categories, factor, pattern = tables
     lines = kernels.work_lines(frame.elevation_m, sigma0)
     kernels.sum_echoes(

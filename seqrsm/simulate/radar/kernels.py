@@ -51,7 +51,7 @@ def sum_echoes(
     field: AnyArray,
     geometry: AnyArray,
     rows: AnyArray,
-    ground_format: bool,
+    offset: AnyArray,
     table: AnyArray,
     n_categories: int,
     field_factor: AnyArray,
@@ -95,8 +95,8 @@ def sum_echoes(
         from that of nadir; distance between columns [m].
     rows : float array (n, 14)
         `EchoGrid.rows`, as `_facing_row` (0 to 8) and `_range_row` (9 to 13, of the row behind) take them.
-    ground_format : bool
-        True: position is ground range; False: slant range.
+    offset : float array (m,)
+        Range position of row 0 of the frame minus that of the datum [bins].
     table : complex array (n_channels, (n_categories + 1) * k)
         For each category and each of k - 1 equal steps of sin(theta/2) from 0 to sin(45 deg), and the end: sigma0 as
         the real and its rise to the next step as the imaginary part, so that one access fetches both. The last category
@@ -123,7 +123,9 @@ def sum_echoes(
     steps = table.shape[1] // (n_categories + 1) - 1
     for begin in range(low, high, STRIP):
         left, m = np.uint64(begin), np.uint64(min(STRIP, high - begin))
-        _first_row(z, top, source[0], left, m, geometry, ground_format, w)
+        for j in range(m):  # what each row hands on to the next: before row 0 lies the same ground
+            w[_RAY + j] = top[source[0], left + j]
+            w[_OFFSET + j] = w[_EDGE + j] = offset[left + j]
         for i in range(n):
             row = source[i]
             _slope_row(z, row, left, m, geometry[i, 9], w)
@@ -150,27 +152,6 @@ def work_lines(z: AnyArray, table: AnyArray) -> tuple[AnyArray, AnyArray, AnyArr
     whole = np.empty((_LINES + max(len(table), 1)) * _LINE + _CACHE_LINE, dtype=z.dtype)
     w = whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
     return w, np.empty(STRIP, dtype=table.dtype), np.empty(STRIP, dtype=np.uint32)
-
-
-@kernel
-def _first_row(
-    z: AnyArray,
-    top: AnyArray,
-    row: int,
-    left: np.uint64,
-    m: np.uint64,
-    geometry: AnyArray,
-    ground_format: bool,
-    w: AnyArray,
-) -> None:
-    """Fill the lines that hand on from row to row, so that row 0 can begin: before it lies the same ground."""
-    for j in range(m):
-        w[_RAY + j] = top[row, left + j]
-        w[_OFFSET + j] = z[row, left + j]
-    nearest: Any = np.int64(0)  # a plain 0 would be compiled for itself
-    _offset_row(geometry, nearest, ground_format, _OFFSET, m, w)
-    for j in range(m):
-        w[_EDGE + j] = w[_OFFSET + j]
 
 
 @kernel
@@ -249,7 +230,7 @@ def _range_row(
 ) -> None:
     """Edges of row `i` in range, `_LOW` and `_HIGH` [bins], `near` and `beyond` being those of flat ground.
 
-    `_GAIN` is divided by the width, of which an element seen edge on keeps a least one. The lines `_OFFSET` (of
+    `_GAIN` is divided by the width, of which an element seen edge on keeps a least one. The lines `_OFFSET` (as of
     `_offset_row`) and `_EDGE` (half way to the row behind) come from the row before and go to the next.
     """
     number = w.dtype.type
@@ -380,9 +361,7 @@ def _add_row(shift: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArr
 
 
 @kernel
-def _offset_row(
-    geometry: AnyArray, i: int, ground_format: bool, first: np.uint64, m: np.uint64, line: AnyArray
-) -> None:
+def _offset_row(geometry: AnyArray, i: int, ground_format: bool, m: np.uint64, line: AnyArray) -> None:
     """Turn heights in row `i` into their range position minus that of flat ground [bins], in place.
 
     sqrt(p**2 + d) - p = d / (p (1 + sqrt(1 + d / p**2))) with d = -z (2 h - z): the same in both formats, where p is
@@ -395,7 +374,7 @@ def _offset_row(
     to_bins = number(geometry[i, 7] / geometry[i, 6])
     # A point closer than the nadir return has no place on the ground: it is put at nadir.
     least = number(-geometry[i, 6] * geometry[i, 7]) if ground_format else number(-math.inf)
-    for j in range(first, first + m):
+    for j in range(m):
         rise = line[j] * (line[j] - twice_h)
         line[j] = max(rise * to_bins / (one + math.sqrt(max(one + rise * per_place2, zero))), least)
 
@@ -508,7 +487,7 @@ def register_cells(
     for i in range(n):
         for j in range(m):
             line[j] = z[i, j]
-        _offset_row(geometry, i, ground_format, _ZERO, np.uint64(m), line)
+        _offset_row(geometry, i, ground_format, np.uint64(m), line)
         origin = math.floor(base[i])
         rest = z.dtype.type(base[i] - origin)
         shift = np.int32(np.int64(origin) - first)
