@@ -145,7 +145,10 @@ class Grounds:
         return found
 
     def _known(self, analysis: Analysis) -> tuple[list[dict[str, Any]], str]:
-        """The covers that move the score most, each and all: what they would leave, see `left_of_ground`; the unit."""
+        """The covers that move the score most: what each would leave, see `left_of_ground`; and the unit.
+
+        And what all together would, unless single ones of them help: the table is then of those.
+        """
         settings, ground = analysis.optimum.settings, analysis.optimum.ground
         sds, unit = mean_sds(self.spec, settings)
         variance = ground.share * ground.variance if ground and analysis.optimum.of_ground > 0.0 else 0.0
@@ -171,7 +174,7 @@ class Grounds:
         each = np.hstack([few[kept], moved(covers, slice(FEW_WORLDS, None))])
         found = [left(own, there) for own, there in zip(covers, each, strict=True)]
         found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
-        if len(found) > 1:
+        if len(found) > 1 and len({analysis.optimum.helped(one["left"]) for one in found}) == 1:
             names = tuple(one["covers"][0] for one in found)
             found.append(left(names, moved([names])[0]))
         return found, unit

@@ -16,6 +16,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
+from seqrsm.analysis.results import OptimumEstimate
 from seqrsm.campaign import check, grounds
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import _Scatter, _surfaces, combinations_of
@@ -166,8 +167,15 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
     base.close()
     (analysis,) = campaign.analyse_all()
     ground = replace(analysis.optimum.ground, sd_ground=4.0, sd_chance=3.0, share=0.64)
-    Grounds(campaign.spec, campaign.store).rank([replace(analysis, optimum=replace(analysis.optimum, ground=ground))])
-    (event,) = campaign.store.events(kind=RANKED)
+    analysis = replace(analysis, optimum=replace(analysis.optimum, ground=ground))
+    at = Grounds(campaign.spec, campaign.store)
+    at.rank([analysis])  # of three covers grass alone helps
+    assert [len(some) for some in asked] == [4 * 5, 12 * 3]
+    asked.clear()
+    monkeypatch.setattr(OptimumEstimate, "helped", lambda *_: True)
+    at.rank([analysis])
+    single, event = campaign.store.events(kind=RANKED)
+    assert single.detail["known"] == event.detail["known"][:3]
     told = {tuple(one["covers"]): one["left"] for one in event.detail["known"]}
     every = tuple(moves)
     moved = {(name,): size for name, size in moves.items()} | {every: sum(moves.values())}

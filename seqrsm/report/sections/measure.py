@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from seqrsm.analysis.ground import N_WORLDS, RANKED
@@ -12,20 +11,12 @@ from seqrsm.report.rounding import decimals_of_significant, format_number, forma
 from seqrsm.report.wording import half_width_text, listing
 from seqrsm.store.records import EventRecord
 
-_HARDLY = 0.95
-"""Of the half-width: where knowing covers leaves more, a table of them tells nothing."""
-
-
-def width_left(best: OptimumEstimate, left: float) -> float:
-    """Stop-rule half-width where this share of the variance between grounds is left."""
-    return math.sqrt(max(best.whole.half_width**2 - (1.0 - left) * best.of_ground**2, 0.0))
-
 
 def width_after_flight(best: OptimumEstimate) -> float:
     """Stop-rule half-width where one flight over the site has shown its ground, as far as one occasion can."""
     assert best.ground is not None
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
-    return width_left(best, chance / (of_ground + chance))
+    return best.width_left(chance / (of_ground + chance))
 
 
 def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
@@ -47,14 +38,14 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     known, unit = found[-1]["known"], found[-1]["unit"]
     if not known:
         return Section(key, title, (Paragraph(head),))
-    widths = [width_left(best, one["left"]) for one in known]
-    if min(widths) > _HARDLY * total:
+    widths, helping = ([tell(one["left"]) for one in known] for tell in (best.width_left, best.helped))
+    if not any(helping):
         least = f" Exact knowledge of covers would leave {half_width_text(analysis, min(widths))} at best."
         return Section(key, title, (Paragraph(head + least),))
     single = [k for k, one in enumerate(known) if len(one["covers"]) == 1]
-    helping = [k for k in single if widths[k] <= _HARDLY * total]
-    if 0 < len(helping) < len(single):  # all together help by these
-        known, widths = ([row[k] for k in helping] for row in (known, widths))
+    some = [k for k in single if helping[k]]
+    if 0 < len(some) < len(single):  # all together help by these
+        known, widths = ([row[k] for k in some] for row in (known, widths))
     errors = [0.5 * one["se"] * best.of_ground**2 / own for one, own in zip(known, widths, strict=True)]
     decimals = max(decimals_of_significant(own, 2) for own in widths)
     sds = [f"\u00b1 {format_significant(one['mean_sd'], 2)}{f' {unit}' if unit else ''}" for one in known]
