@@ -27,6 +27,7 @@ from seqrsm.fit.intervals import Prediction, t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import FEW, LEAST_RUNS, MOST_SETTINGS, Process, kinds
+from seqrsm.plain import counted
 from seqrsm.propose.cloud import RADII, climb, cloud_of
 from seqrsm.remember import recalled
 from seqrsm.rng import generator
@@ -38,6 +39,9 @@ PRIOR_LOG_ODDS = 0.0
 """Of the process against the quadratic, before the scores: even odds."""
 
 _CERTAIN = 0.01  # a process less probable is left out
+_LEAST_DF = 4
+"""With fewer residual degrees of freedom the quadratic is believed as the process's trend alone, its coefficients
+shrunk: by least squares through nearly every score, their mean may be told at twice the best of them."""
 _DRAWS, _TINY = 4000, 1e-300
 _PAIRS, _OF_SCATTER, _OF_LARGEST = 32, 0.5, 0.1  # of `Fitted.acting_terms`
 _MOST_RUNS = 100  # drawn of a mean of future runs
@@ -52,14 +56,19 @@ class Departure:
     log_bayes_factor: float
     """Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed."""
     probability: float
-    """Of the process given the scores; 0 where it is below 0.01, or was not weighed."""
+    """Of the process given the scores; 0 where it is below 0.01, or was not weighed; 1 where it is believed alone."""
     reason: str = ""
-    """Why it was not weighed."""
+    """Why it was not weighed, or is believed alone."""
 
     @property
     def believed(self) -> Process | None:
         """The process where it has a probability."""
         return self.process if self.probability > 0.0 else None
+
+    @property
+    def favoured(self) -> bool:
+        """The scores favour it over the quadratic."""
+        return self.probability > 0.5 and not self.reason
 
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
@@ -97,6 +106,9 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
         return Departure(None, float("nan"), 0.0, reason)
     # What a look found is confirmed and sampled from by the same scores.
     process = recalled(lambda: Process(*given, generator(seed, n, "process"), *beside), (given, seed, beside))
+    if surface.df_residual < _LEAST_DF:
+        reason = f"least squares of {counted(n, 'score')} leave fewer than {_LEAST_DF} degrees of freedom"
+        return Departure(process, process.log_bayes_factor, 1.0, reason)
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)
@@ -241,8 +253,8 @@ class Fitted:
         anew (Jansen 1999, Comput. Phys. Commun. 117, 35-43), over all that the scores leave open, is less than half of
         a run's scatter and less than a tenth of the largest.
         """
-        process = self.departure.believed
-        if process is None or self.departure.probability <= 0.5:
+        process = self.departure.process
+        if process is None or not self.departure.favoured:
             return 0
         at, anew = np.split(self.region.sample(2 * _PAIRS, generator(0, 0, "factors that matter")), 2)
         moved = np.repeat(at[None], self.region.k, axis=0)

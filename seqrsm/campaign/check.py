@@ -214,7 +214,7 @@ def _judged(
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=share == 0.0), least, terms, unit) if least > 0.0 else ""
     departed = float("nan")
-    if analysis is not None and analysis.fitted.departure.probability > 0.5:
+    if analysis is not None and analysis.fitted.departure.favoured:
         plans, over = plans_by_process(analysis, rule, spec.seed)
         surfaces = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         surfaces += ", which favour another surface than a quadratic"

@@ -167,7 +167,7 @@ class _Chooser:
             n,
             weight=float(self.weights(self.target[None, :])[0]),
             sign=sign_of(self.analysis.goal),
-            far=departure.probability <= _CERTAIN,
+            far=departure.probability <= _CERTAIN or departure.reason != "",
             seed=batch_seed(self.spec.seed, len(done)),
         )
 

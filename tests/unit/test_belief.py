@@ -112,6 +112,25 @@ def test_process_and_quadratic_have_even_odds_before_the_scores(tmp_path: Path) 
     assert np.log(odds) == pytest.approx(departure.log_bayes_factor, abs=1e-9)
 
 
+@pytest.mark.parametrize(("n", "alone"), [(11, True), (13, True), (14, False)])
+def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_alone(
+    tmp_path: Path, n: int, alone: bool
+) -> None:
+    """Of 11 scores of 67 to 76 the mean was told as 170 (59 to 603)."""
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-1.0, 1.0, (n, 3)).round(3)
+    analysis = analysed(tmp_path / "c", specification(numeric(3)), points, 71.0 + 2.0 * rng.standard_normal(n))
+    departure, best = analysis.fitted.departure, analysis.optimum
+    assert (departure.probability == 1.0) is alone
+    assert ("fewer than 4 degrees of freedom" in departure.reason) is alone
+    assert departure.favoured is (departure.probability > 0.5 and not alone)
+    if alone:
+        assert analysis.of_quadratic.value > 85.0
+        assert 65.0 < best.confidence.low < 71.0 < best.confidence.high < 80.0
+        (told,) = [block for block in _departure(analysis) if isinstance(block, Paragraph)]
+        assert "alone gives settings and intervals" in told.text
+
+
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     belief, surface = believed(narrow, 0.0), narrow.fitted.surface
     np.testing.assert_array_equal(belief.mean(AT), surface.rows(AT) @ surface.estimate)

@@ -282,9 +282,14 @@ def _departure(analysis: Analysis) -> list[Block]:
     if found.probability == 0.0:
         return [Paragraph(f"The scores favour the quadratic ({factor}). ", method=how)]
     alone = rounded_settings(analysis, analysis.region.decode(analysis.of_quadratic.point)[0])
+    weighed = (
+        f"has a probability of {format_share(found.probability)} ({factor}); settings and intervals average over both "
+        "surfaces"
+    )
+    if found.reason:
+        weighed = f"alone gives settings and intervals, whatever its probability ({factor}): {found.reason}"
     text = (
-        f"The alternative to the quadratic, {_ALTERNATIVE}, has a probability of {format_share(found.probability)} "
-        f"({factor}); settings and intervals average over both surfaces. Coefficients, analysis of variance, F tests, "
+        f"The alternative to the quadratic, {_ALTERNATIVE}, {weighed}. Coefficients, analysis of variance, F tests, "
         f"effects, residuals and curvatures are the quadratic's; its optimum is at {alone}. "
     )
     return [Paragraph(text, method=how)]
