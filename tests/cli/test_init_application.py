@@ -35,6 +35,19 @@ def few_probes(monkeypatch) -> None:
     monkeypatch.setattr(check, "PROBES", 5)
 
 
+@pytest.fixture(autouse=True)
+def probed_once(monkeypatch) -> None:
+    """`init` simulates to settle the target, which moves no score: `check` of the same folder need not do so again."""
+    real, found = check._probe, {}
+
+    def probe(spec, progress):
+        if spec.folder not in found:
+            found[spec.folder] = real(spec, progress)
+        return found[spec.folder]
+
+    monkeypatch.setattr(check, "_probe", probe)
+
+
 def made(folder, *words, code=0):
     given = [part for one in words for part in ("--application", one)]
     result = CliRunner().invoke(app, ["init", str(folder), *given])
