@@ -85,7 +85,7 @@ def _opened(folder: Path, *, accept: bool = False) -> Campaign:
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the command of the arguments; the process ends with its exit code."""
     # Matrices here are small: threads of BLAS cost two to three times what they save, take cores from simulations, and
     # make last digits depend on the machine's cores. Set before anything imports numpy; the user's own setting stays.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

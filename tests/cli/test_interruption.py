@@ -34,6 +34,31 @@ def start(*arguments: object) -> subprocess.Popen[str]:
     )
 
 
+LOADING = """
+import sys, time
+
+class Slow:
+    def find_spec(self, name, *_):
+        if name == "typer":
+            print("loading", flush=True)
+            time.sleep(50)
+
+sys.meta_path.insert(0, Slow())
+from seqrsm.__main__ import main
+main()
+"""
+
+
+def test_an_interrupt_while_the_command_is_loaded_leaves_no_traceback() -> None:
+    command = [sys.executable, "-c", LOADING]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes, preexec_fn=_heed_interrupts) as process:
+        assert process.stdout.readline() == "loading\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == ""
+    assert process.returncode == -signal.SIGINT
+
+
 SWALLOWED = """
 import ctypes, time
 from seqrsm.cli.console import guarded
