@@ -34,7 +34,7 @@ def design(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
 ) -> None:
-    """Make and evaluate a stand-alone optimal design for a polynomial model."""
+    """Make and evaluate an optimal design without a campaign."""
     from seqrsm.cli.designs import factors_of, standalone_design, write_design
     from seqrsm.cli.show import show_design
     from seqrsm.files import see_free
