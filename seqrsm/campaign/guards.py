@@ -253,10 +253,8 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
         elif none and row.source != "simulation" and not (run and run.block):
             message, hint = "no block", "Fill it in: of merged cells only the first row has the content."
             if column not in (*OPTIONAL, *row.metadata):
-                message, hint = (
-                    "there is no such column",
-                    f"Add it, or name a column of yours so: {', '.join(row.metadata)}",
-                )
+                own = f", or name a column of yours so: {', '.join(row.metadata)}" if row.metadata else "."
+                message, hint = "there is no such column", f"Add it{own}"
             yield row, column, block or None, message, hint
         elif block and not other:
             known.append(block)

@@ -59,7 +59,9 @@ def split_header(text: str) -> tuple[str, str]:
     return (match["name"], match["unit"] or "") if match else (text.strip(), "")
 
 
-WORDS_FOR_NOTHING = frozenset(("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "-", "--", "?", "x"))
+WORDS_FOR_NOTHING = frozenset(
+    ("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "#nv", "#n/d", "-", "--", "?", "x")
+)
 _SENTINELS = frozenset(
     sign * size for sign in (-1.0, 1.0) for size in (99.0, 999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0)
 )

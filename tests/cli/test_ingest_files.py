@@ -680,7 +680,7 @@ def test_days_with_the_time_of_each_run_are_held_back(make, times, held):
     assert ("has a time of its own, and so a block of its own (so 2 more rows: lines 3, 4)" in told) == held
 
 
-@pytest.mark.parametrize("word", ["NA", "nan", "#N/A"])
+@pytest.mark.parametrize("word", ["NA", "nan", "#N/A", "#NV"])
 def test_a_word_for_no_day_is_no_day(make, word):
     """R writes NA where a day is missing: all such flights were of one day of that name."""
     folder = make('[model]\nblock = "day"')
@@ -735,9 +735,11 @@ def test_an_empty_block_among_others_is_held_back(make):
 
 def test_a_column_of_days_that_is_not_there_is_told(make):
     """It was told to fill in cells of a column that the file has not."""
-    told = make('[model]\nblock = "day"').ingest(f"{HEADER},Flight day\n2,12,HH,70,Monday\n3,12,HH,71,Monday\n", code=2)
+    folder = make('[model]\nblock = "day"')
+    told = folder.ingest(f"{HEADER},Flight day\n2,12,HH,70,Monday\n3,12,HH,71,Monday\n", code=2)
     assert "scores.csv:2: day: there is no such column (so 1 more row: line 3)" in told
     assert "Add it, or name a column of yours so: Flight day" in told
+    assert "there is no such column. Add it.\n" in folder.ingest(f"{HEADER}\n2,12,HH,70\n", code=2)
 
 
 @pytest.mark.parametrize("column", ["Status", "state", "note"])
