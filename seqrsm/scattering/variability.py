@@ -65,11 +65,11 @@ class FieldSpread:
 
         ``among``: channel whose variability stands in where there is none.
         """
-        own = []
+        own, share = [], share_of_c(self.frequency_ghz)
         for name in self.names:
             factor = self.world.field_factor(name) if self.world else 1.0
             known = self.variability.get((name, channel)) or self.variability.get((name, among), UNKNOWN)
-            own.append(factor * np.interp(share_of_c(self.frequency_ghz), (0.0, 1.0), known.field_sd_db))
+            own.append(factor * np.interp(share, (0.0, 1.0), known.field_sd_db))
         sd = self.own_share * own + (1.0 - self.own_share) * bare_fields_db(channel, self.world)
         return np.asarray(sd), np.asarray(_roughness_share(channel, self.dated) * self.soil)
 
