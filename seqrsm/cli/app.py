@@ -45,10 +45,6 @@ if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
     from seqrsm.cli.notebook import Campaign
 
-for _number, _name in enumerate(("stdin", "stdout", "stderr")):
-    if getattr(sys, _name) is None:  # closed, as by `>&-`: else the next file, such as the store, would take its place
-        setattr(sys, _name, open(os.devnull, "w" if _number else "r"))  # noqa: SIM115
-
 app = typer.Typer(
     name="seqrsm",
     help="Find the best design of a microwave remote sensor by sequential response-surface campaigns.",

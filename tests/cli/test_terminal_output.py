@@ -304,13 +304,22 @@ def test_a_closed_pipe_is_no_error(command: str, stream: str) -> None:
     assert not done.stderr
 
 
+OPENS_A_FILE = """
+import atexit, os, sys
+from seqrsm.__main__ import main
+sys.argv = ["seqrsm", "--version"]
+atexit.register(lambda: os.write(3, str(open(os.devnull).fileno() > 2).encode()))
+main()
+"""
+
+
 @pytest.mark.parametrize(
     ("command", "ends", "code", "says"),
     [
         ("-m seqrsm --version", ">&- 2>&- <&-", 0, ""),  # as a service may begin it
         ("-m seqrsm --version", ">/dev/full", 2, "the output cannot be written: No space left on device"),
         # No file that is opened becomes stdout or stderr, where libraries write.
-        ("-c 'import os, seqrsm.cli.app; os.write(3, str(open(os.devnull).fileno() > 2).encode())'", ">&-", 0, "True"),
+        (f"-c '{OPENS_A_FILE}'", ">&-", 0, "True"),
     ],
 )
 def test_output_that_nobody_takes_ends_without_a_traceback(command: str, ends: str, code: int, says: str) -> None:
