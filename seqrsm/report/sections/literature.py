@@ -6,7 +6,6 @@ Which words to look up, what is printed, and what agrees.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -282,18 +281,14 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
 
 
 def _agreement(compared: Sequence[Comparison]) -> str:
-    counts = Counter(row.verdict for row in compared)
-    comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
-    if not comparable:
+    judged = [row for row in compared if row.verdict in ("agrees", "not excluded", "differs")]
+    words = [f"{readable(row.parameter)} {row.verdict}" for row in judged]
+    if not words:
         return "What they print cannot be compared with this campaign's settings."
-    words = [
-        f"{readable(row.parameter)} {row.verdict}"
-        for row in compared
-        if row.verdict in ("agrees", "not excluded", "differs")
-    ]
-    if comparable == 1:
+    if len(words) == 1:
         return f"One parameter can be compared: {words[0]}."
-    return f"{counts['agrees']} of {comparable} comparable parameters agree: {listing(words)}."
+    agreeing = sum(row.verdict == "agrees" for row in judged)
+    return f"{agreeing} of {len(words)} comparable parameters agree: {listing(words)}."
 
 
 def _some(applications: tuple[str, ...]) -> str:
