@@ -73,7 +73,9 @@ class Departure:
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
         process = self.believed
-        found = errors.run_variance * (1.0 - self.probability) * s**2 + self.common_variance
+        found = self.common_variance
+        if self.probability < 1.0:  # else it may have no s
+            found += errors.run_variance * (1.0 - self.probability) * s**2
         if process is not None:
             found += self.probability * errors.run_variance * float(np.mean(process.noise_variance)) / weight
         return float(np.sqrt(found))
@@ -94,9 +96,8 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     reason = STATED if stated else ""
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and not surface.s > 0.0:
-        left = "the quadratic passes through every score"
-        reason = left if fit.df_residual else "no degrees of freedom remain to separate scatter from surface"
+    if not reason and (np.ptp(fit.y) == 0.0 or (fit.df_residual and not surface.s > 0.0)):
+        reason = "the quadratic passes through every score"
     if not reason and n < LEAST_RUNS:
         reason = f"it is considered from {LEAST_RUNS} runs on, and there are {n}"
     given, beside = (model, surface.data.points, fit.y, fit.weights), surface.for_process()
@@ -208,11 +209,12 @@ class Fitted:
         if process is None:
             return of_quadratic
         noise = process.noise_variance[:, None] / (weight * replicates) + process.common_variance[:, None]
-        df = self.surface.df_residual
+        df = max(self.surface.df_residual, 1)  # without any the process has all weight
 
         def mixed(own: Ends, added: FloatArray | float) -> Ends:
             # A surface whose intervals are mixtures keeps them: with few flights Student's are twice as wide.
-            se, sd = 0.5 * (own.high - own.low) / t_quantile(df, level), np.sqrt(variances + added)
+            sd = np.sqrt(variances + added)
+            se = 0.5 * (own.high - own.low) / t_quantile(df, level) if share < 1.0 else np.zeros(len(mean))
             tails = (0.5 * (1.0 - level), 0.5 * (1.0 + level))
             return Ends(*(_mixture_quantile(tail, df, of_quadratic.mean, se, means, sd, share) for tail in tails))
 
@@ -239,7 +241,9 @@ class Fitted:
         weight = float(surface.scale.weight_at(self.mean(at))[0])
         of_scores = self.departure.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         both = of_scores * math.sqrt(self.run_ratio)
-        of_mean = (1.0 - share) * surface.s**2 * float(surface.variance_unscaled(surface.rows(at))[0])
+        of_mean = 0.0
+        if share < 1.0:
+            of_mean = (1.0 - share) * surface.s**2 * float(surface.variance_unscaled(surface.rows(at))[0])
         if process is not None:
             means, variances = process.marginals(at)
             off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())

@@ -378,7 +378,8 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
     application, fit, data, surface = fitted.application, fitted.fit, fitted.data, fitted.surface
     found = []
     if fit.reason and not surface.s > 0.0:
-        found.append(f"No error estimate: {fit.reason}.")
+        instead = "; settings and intervals rest on shrunk coefficients" if fitted.departure.believed else ""
+        found.append(f"No error estimate by least squares: {fit.reason}{instead}.")
     labels = block_labels(spec, data)
     alone = labels.count(NO_BLOCK) or labels.count("flight")  # beside simulations, which have no blocks
     if spec.model.block is not None and any(data.blocks) and alone:

@@ -429,7 +429,7 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
 
 def _reason(n: int, p: int, sse: float) -> str:
     if n == p:
-        return "as many terms as runs: no residual degrees of freedom, so s and intervals are undefined"
+        return "as many terms as runs: no residual degrees of freedom"
     return "the model reproduces every score exactly: s is 0 and F tests are undefined" if sse == 0.0 else ""
 
 

@@ -279,13 +279,16 @@ def whole_cell(value: int) -> Cell:
 
 
 def no_error_estimate(analysis: Analysis) -> str:
-    """Why there are no intervals, in words; "" where there are."""
+    """Why least squares give no error, in words; "" where they do."""
     fit = analysis.fit
-    if math.isfinite(analysis.optimum.confidence.half_width):
-        return ""
     if fit.df_residual == 0:
         return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.n_terms} terms)"
     return "no error estimate: the model passes through every score" if fit.s == 0.0 else ""
+
+
+def no_intervals(analysis: Analysis) -> str:
+    """Why there are no intervals, in words; "" where there are."""
+    return "" if math.isfinite(analysis.optimum.confidence.half_width) else no_error_estimate(analysis)
 
 
 def score_decimals(analysis: Analysis) -> int:

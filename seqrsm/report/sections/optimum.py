@@ -74,7 +74,7 @@ from seqrsm.report.wording import (
     level_phrase,
     listing,
     model_name,
-    no_error_estimate,
+    no_intervals,
     number_cell,
     optimum_setting_text,
     readable,
@@ -474,7 +474,7 @@ def _slices(analysis: Analysis, indices: Sequence[int]) -> FigureBlock:
         "interval; light band: prediction interval of one run; grey dots: runs, moved along the fitted surface to the "
         "recommended setting of the other factors."
     )
-    missing = no_error_estimate(analysis)
+    missing = no_intervals(analysis)
     if missing:
         caption += f" No bands: {missing}."
     if not analysis.region.is_box:

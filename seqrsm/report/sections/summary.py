@@ -43,6 +43,7 @@ from seqrsm.report.wording import (
     mean_text,
     model_name,
     no_error_estimate,
+    no_intervals,
     optimum_setting_text,
     readable,
     readable_text,
@@ -181,7 +182,7 @@ def recommendation(analysis: Analysis) -> str:
 
 def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     level, stop = level_phrase(analysis), spec.stop_of(analysis.application)
-    missing = no_error_estimate(analysis)
+    missing = no_intervals(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
     best, terms = analysis.optimum, analysis.fitted.surface.n_terms
     mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
