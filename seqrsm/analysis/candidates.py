@@ -1,4 +1,4 @@
-"""A sensor against the optimum: the difference of their scores, and the probability that the sensor suffices.
+"""A sensor against the optimum, or another: the difference of their scores, and the probability that it suffices.
 
 Both were simulated on the same occasions of the same worlds, so that a difference is owed to the sensors. Scores of
 one setting have two variances: from world to world, and from occasion to occasion in one (`seqrsm.analysis.ground`).
@@ -37,7 +37,7 @@ class Sufficing:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A sensor against the optimum, score units."""
+    """A sensor against the optimum or another, score units."""
 
     score: float
     difference: float
@@ -50,22 +50,23 @@ class Comparison:
     """That it suffices there."""
 
 
-def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: float, runs: float) -> Comparison:
-    """Compare a sensor with the optimum from simulations.
+def compared(sensor: FloatArray, other: FloatArray, rule: Sufficing, level: float, runs: float) -> Comparison:
+    """Compare a sensor with the optimum, or with another sensor, from simulations.
 
     Parameters
     ----------
     sensor : ndarray (places, worlds, occasions)
         Scores at places of its swath, any of which the ground may lie at.
-    optimum : ndarray (worlds, occasions)
-        Scores in the same worlds and on the same occasions; at least two worlds.
+    other : ndarray (worlds, occasions) or (places, worlds, occasions)
+        Scores in the same worlds and on the same occasions; at least two worlds. Any place of its swath
+        may meet any of the sensor's.
     rule : Sufficing
     level : float
         Of both intervals.
     runs : float
         Occasions over one ground; ``inf`` for the mean of all.
     """
-    difference, df = sensor - optimum, optimum.shape[0] - 1
+    difference, df = (sensor[:, None] - other).reshape(-1, *other.shape[-2:]), other.shape[-2] - 1
     mean, half = float(difference.mean()), float(stdtrit(df, 0.5 + 0.5 * level)) * _error(difference.mean(axis=0))
     ends = (_quantile(difference, 0.5 + side * 0.5 * level, runs) for side in (-1.0, 1.0))
     judged = difference if rule.relative else sensor

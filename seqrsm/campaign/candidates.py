@@ -56,6 +56,9 @@ FILE: Final = "candidates.json"
 PILOT_WORLDS: Final = 4
 """Worlds, none of those that count, in which the size of a candidate's cell is chosen."""
 
+NEXT: Final = 3
+"""Candidates after the first that are compared with it."""
+
 _FIELDS: Final = {
     "sar": (
         *("frequency_ghz", "channels", "bandwidth_mhz", "resolution_range_m", "resolution_azimuth_m", "looks"),
@@ -241,14 +244,20 @@ class _Comparer:
         return row["how"] == "none", -row.get("probability", 0.0), -better
 
     def compare_again(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Compare the first of several simulated candidates in worlds that had no part in making it the first."""
-        if len(self.places) < 2 or rows[0]["name"] not in self.places:
+        """Compare the first of several simulated ones, and the next with it, in worlds without part in their order."""
+        told = [row for row in rows if row["name"] in self.places][: 1 + NEXT]
+        if len(told) < 2 or told[0] is not rows[0]:
             return
-        scores = self._simulated([self.base, *self.places[rows[0]["name"]]], self.fresh)
-        scores = scores[:, np.isfinite(scores).all(axis=(0, 2))]
-        if scores.shape[1] > 1:
-            found = compared(scores[1:], scores[0], self.rule, self.level, self.runs)
-            rows[0]["again"] = {"name": rows[0]["name"], "how": "simulation", **fields_to_json(found)}
+        made = [[self.base], *(self.places[row["name"]] for row in told)]
+        scores = self._simulated([one for places in made for one in places], self.fresh)
+        optimum, first, *others = np.split(scores, np.cumsum([len(places) for places in made[:-1]]))
+        as_good = Sufficing(0.0, True, self.rule.sign)
+        pairs = [("again", first, optimum, self.rule), *(("beside_first", one, first, as_good) for one in others)]
+        for row, (key, own, other, rule) in zip(told, pairs, strict=True):
+            whole = np.isfinite([*own, *other]).all(axis=(0, 2))
+            if whole.sum() > 1:
+                found = compared(own[:, whole], other[:, whole], rule, self.level, self.runs)
+                row[key] = {"name": row["name"], "how": "simulation", **fields_to_json(found)}
 
     def row(self, candidate: Candidate) -> dict[str, Any]:
         """The answer for one candidate."""

@@ -108,6 +108,7 @@ def test_the_first_is_compared_again_in_worlds_that_had_no_part_in_its_choice(co
     assert all(drawn[-1].isdisjoint(worlds) for worlds in drawn[:-1])
     assert first["again"].keys() == {"name", "how", "score", "difference", "confidence", "one_ground", "probability"}
     assert not any("again" in row for row in others)
+    assert {row["name"] for row in others if "beside_first" in row} == {"weak", "NISAR S DP 25, HH+HV"}
     assert f"The first of {len(others)} candidates may owe its place to chance." in " ".join(told.split())
 
 

@@ -409,7 +409,10 @@ COMPARED = {
 
 
 def test_candidates_are_in_all_faces(capsys) -> None:
-    section = candidate_section({"applications": {"crops": COMPARED}})
+    first, fine = COMPARED["candidates"]
+    other = first | {"name": "ROSE-L", "beside_first": first | {"name": "ROSE-L", "difference": -1.7}}
+    found = {**COMPARED, "candidates": [first | {"again": first}, other, fine]}
+    section = candidate_section({"applications": {"crops": found}})
     both = candidate_section({"applications": {"crops": COMPARED, "soil": {**COMPARED, "relative": True}}})
     assert section is not None
     assert both is not None
@@ -422,6 +425,8 @@ def test_candidates_are_in_all_faces(capsys) -> None:
         "could not be evaluated: its cell is too fine",
         "of 7 available",
         "\u22124.1 \u00b1 0.9",
+        "The next simulated candidates less Sentinel-1 IW GRDH, VV+VH, in further draws of the tables",
+        "\u22121.7",
         "19 looks; at 38\u00a0deg incidence noise \u221226.1\u00a0dB, score 58.2\u00a0percent",
     ):
         assert text in told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy import stats
 
 from seqrsm.analysis.candidates import Sufficing, compared
 from seqrsm.analysis.ground import future_sds
-from seqrsm.campaign.candidates import why_not
+from seqrsm.campaign.candidates import _Comparer, why_not
 from seqrsm.campaign.instruments import Instrument, mixtures
 from seqrsm.errors import Problem, SceneError
 from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
@@ -82,17 +83,19 @@ def test_of_one_occasion_a_world_all_variance_is_the_grounds_and_known_by_few() 
     assert (both.confidence.low, both.confidence.high) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
-def test_one_ground_lies_at_any_place_of_the_swath() -> None:
-    """Where the edges of a swath differ a ground scores as one of them; interval and probability agree."""
+@pytest.mark.parametrize("beside", [0.0, [0.0, 15.0]])
+def test_one_ground_lies_at_any_place_of_the_swath(beside: float | list[float]) -> None:
+    """Where the edges of a swath differ a ground scores as one of them, of either; interval and probability agree."""
     rng = np.random.default_rng(3)
     optimum = 60.0 + rng.normal(size=(16, 2))
     at = np.array([-20.0, -12.0, 2.0])
     own = optimum + at[:, None, None] + 2.0 * rng.normal(size=(3, 16, 1)) + rng.normal(size=(3, 16, 2))
+    optimum = optimum + np.asarray(beside)[..., None, None] if np.ndim(beside) else optimum
     found = compared(own, optimum, Sufficing(0.0, True, 1.0), 0.95, 1.0)
     ground = 2.0 * rng.normal(size=20_000) + rng.normal(size=20_000)
-    future = rng.choice(at, 20_000) + ground
+    future = rng.choice(at, 20_000) - rng.choice(np.atleast_1d(beside), 20_000) + ground
     assert np.mean((future > found.one_ground.low) & (future < found.one_ground.high)) == pytest.approx(0.95, abs=0.03)
-    assert found.confidence.low < -10.0 < found.confidence.high  # the mean of the places
+    assert found.confidence.low < -10.0 - np.mean(beside) < found.confidence.high  # the mean of the places
     for end, share in ((found.one_ground.low, 0.975), (found.one_ground.high, 0.025)):
         there = compared(own, optimum, Sufficing(end, True, 1.0), 0.95, 1.0)
         assert there.probability == pytest.approx(share, abs=1e-9)
@@ -106,6 +109,38 @@ def test_a_target_counts_the_scores_themselves_and_small_ones_where_they_are_goo
     assert compared(own, optimum, rule, 0.95, 5.0).probability == pytest.approx(0.5, abs=0.05)
     assert compared(own[:1], optimum, replace(rule, sign=1.0), 0.95, 5.0).probability < 0.05
     assert compared(own[:1], optimum, Sufficing(0.0, True, -1.0), 0.95, 5.0).probability == 1.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_next_less_the_first_is_the_paired_t_interval_of_worlds_where_both_have_scores(sign: float) -> None:
+    """Interval and sign by scipy's paired t-test of the worlds' means; a twin of the first differs by 0."""
+    rng, worlds = np.random.default_rng(8), 8.0 * np.random.default_rng(9).normal(size=(12, 1))
+    first, swath = ["a"], ["b near", "b middle", "b far"]
+    places = {"first": first, "twin": ["twin"], "swath": swath, "third": ["third"], "fourth": ["fourth"]}
+    made = [one for own in (["optimum"], *places.values()) for one in own]
+    scores = {one: 60.0 - 2.0 * sign * k + worlds + rng.normal(size=(12, 2)) for k, one in enumerate(made)}
+    scores["twin"] = scores["a"].copy()
+    scores["b far"][3, 1] = np.nan  # a run that failed
+    rows = [{"name": name} for name in ("first", "by the surface", *list(places)[1:])]
+    comparer = SimpleNamespace(
+        places=places, base="optimum", fresh=(), rule=Sufficing(50.0, False, sign), level=0.9, runs=5.0,
+        _simulated=lambda asked, _: np.array([scores[one] for one in asked]),
+    )  # fmt: skip
+    _Comparer.compare_again(comparer, rows)
+    assert [sorted(row.keys() - {"name"}) for row in rows] == [["again"], [], *[["beside_first"]] * 3, []]
+    twin = rows[2]["beside_first"]
+    assert (twin["difference"], twin["confidence"]["half_width"], twin["probability"]) == (0.0, 0.0, 1.0)
+    for row, key, other in ((rows[0], "again", "optimum"), *((row, "beside_first", "a") for row in rows[3:5])):
+        told, own = row[key], np.mean([scores[one] for one in places[row["name"]]], axis=(0, 2))
+        whole = np.isfinite(own)
+        assert whole.sum() == (11 if row["name"] == "swath" else 12)
+        found = stats.ttest_rel(own[whole], scores[other].mean(axis=1)[whole])
+        ends = found.confidence_interval(0.9)
+        assert (told["confidence"]["low"], told["confidence"]["high"]) == pytest.approx((ends.low, ends.high))
+        assert told["difference"] == pytest.approx(0.5 * (ends.low + ends.high))
+        assert sign * told["difference"] < 0.0  # worse than the other
+        assert told["score"] == pytest.approx(own[whole].mean())
+    assert rows[4]["beside_first"]["probability"] < 0.01  # as good as the first, not as the target
 
 
 def facts(radar: RadarConfiguration) -> dict[str, tuple[object, ...]]:

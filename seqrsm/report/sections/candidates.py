@@ -79,7 +79,8 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
         text += "set `sufficient` of the application to the score that it needs."
         blocks.append(Paragraph(text, "warning"))
     if told:
-        blocks += [_picture(name, told, found), _table(told, unit, level, digits)]
+        caption = "Candidates, by probability of sufficing"
+        blocks += [_picture(name, told, found), _table(caption, "suffices", "optimum", told, found, digits)]
     if told and (again := told[0].get("again")):
         text = (
             f"The first of {len(known)} candidates may owe its place to chance. In further draws of the tables "
@@ -87,6 +88,9 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
             f"probability of {format_share(again['probability'])}."
         )
         blocks.append(Paragraph(text))
+        if beside := [row["beside_first"] for row in told if "beside_first" in row]:
+            caption = f"The next simulated candidates less {told[0]['name']}, in further draws of the tables"
+            blocks.append(_table(caption, "at least as good", "the first", beside, found, digits))
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit, digits))
     notes = [_note(row, digits, unit) for row in told]
@@ -102,17 +106,20 @@ def _blocks(name: str, found: Mapping[str, Any], every: bool) -> list[Block]:
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
-def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str, digits: int) -> Block:
+def _table(
+    caption: str, likely: str, other: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], digits: int
+) -> Block:
+    unit, level = found["unit"], level_text(found["level"])
     columns: tuple[Head, ...] = (
         "Sensor",
-        right("Pr(suffices)", "%"),
+        right(f"Pr({likely})", "%"),
         right("Score", unit),
-        right("Difference from optimum", unit),
+        right(f"Difference from {other}", unit),
         right(f"Mean over grounds, {level}", unit),
         right(f"One ground, {level}", unit),
         "Method",
     )
-    return table("Candidates, by probability of sufficing", columns, (_row(row, digits) for row in rows), sortable=True)
+    return table(caption, columns, (_row(row, digits) for row in rows), sortable=True)
 
 
 def _row(row: Mapping[str, Any], digits: int) -> tuple[Cell, ...]:
