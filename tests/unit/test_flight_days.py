@@ -27,7 +27,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.process import Blocks
 from seqrsm.propose.cloud import Cloud, Runs, propose_from_process
 from seqrsm.report.sections.check import check_sections
-from seqrsm.report.wording import no_error_estimate
+from seqrsm.report.wording import no_intervals
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 RANDOM = '[model]\nblock = "day"\nblock_effect = "random"\n'
@@ -123,7 +123,7 @@ def test_intervals_of_random_days_are_told_where_constants_would_leave_none(tmp_
     assert analysis.fit.df_residual == 0
     assert analysis.fitted.departure.process is not None
     assert not any("error estimate" in warning for warning in analysis.warnings)
-    assert no_error_estimate(analysis) == ""
+    assert no_intervals(analysis) == ""
     assert np.isfinite(analysis.optimum.prediction.half_width)
 
 
