@@ -197,12 +197,16 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
     see_meaning(campaign.store, spec, runs)
     look = latest_look(spec, spec.applications[0], runs)["last_look"]
     settings = dict(look["optimum"]["settings"]) if look else region.decode(region.centre())[0]
+    given: dict[str, str] = {}
     for assignment in assignments:
         name, sign, value = assignment.partition("=")
         if not sign or name not in region.names:
             remedy = f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml."
             raise UserError("not a valid setting", remedy, value=assignment)
-        settings[name] = value
+        if name in given:
+            raise UserError("this factor is set twice", "Set each once.", field=name, value=value)
+        given[name] = value
+    settings |= given
     try:
         point = region.code([settings])
     except RegionError as error:

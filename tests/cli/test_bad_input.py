@@ -157,6 +157,8 @@ def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("void", tiny, 99, "--why", "x"), "99")
     refused(seqrsm("image", tiny, "--out", tmp_path / "a.gif"), ".png")
     refused(seqrsm("image", tiny, "--set", "colour=1", "--out", tmp_path / "a.png"), "colour")
+    twice = ("--set", "resolution=30", "--set", "resolution=40")
+    refused(seqrsm("image", tiny, *twice, "--out", tmp_path / "a.png"), "resolution: this factor is set twice")
     refused(seqrsm("fit", tiny), "0 scored runs", "`seqrsm run` simulates some.")
     refused(seqrsm("report", tiny), "0 scored runs")
     refused(seqrsm("propose", tiny, "--source", "balloon"), "balloon")
