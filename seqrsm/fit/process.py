@@ -33,7 +33,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.gather import gathered
 from seqrsm.fit.importance import weighted_draws
 
-LEAST_RUNS = 8
+LEAST_RUNS = 5
 MOST_SETTINGS = 250
 """Of more, near ones are `gathered`: every likelihood costs the cube of their number."""
 

@@ -594,15 +594,16 @@ def refused(analysis: Analysis, reason: str) -> None:
 @pytest.mark.parametrize(
     ("n", "more", "reason"),
     [
-        (7, {}, "from 8 runs on, and there are 7"),
+        (4, {}, "from 5 runs on, and there are 4"),
         (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
     ],
     ids=["few", "equal", "first order"],
 )
 def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, more: dict, reason: str) -> None:
-    points = np.round(spread(n, 2), 3)
-    text = specification(numeric(2), rest=more.pop("rest", ""))
+    k = 1 if n < 6 else 2
+    points = np.round(spread(n, k), 3)
+    text = specification(numeric(k), rest=more.pop("rest", ""))
     scores = more.pop("scores", bowl(points) + NOISE[:n])
     analysis = analysed(tmp_path / "c", text, points, scores, **more)
     assert analysis.fitted.departure.reason
@@ -735,7 +736,7 @@ def whole(made, n: int = 3) -> Analysis:
 def case(name: str) -> tuple[str, np.ndarray, np.ndarray, dict]:
     """Text, points, scores, and what else there is of the runs."""
     k = {"eight factors": 8, "one degree of freedom": 3}.get(name, 2)
-    n = {"eight factors": 60, "one degree of freedom": 11, "eight runs": 8}.get(name, 24)
+    n = {"eight factors": 60, "one degree of freedom": 11, "as many scores as terms": 6}.get(name, 24)
     points, text, more = np.round(spread(n, k), 3), specification(numeric(k)), {}
     y = bowl(points) + NOISE[:n]
     if name == "repeats alone":
@@ -767,7 +768,7 @@ def case(name: str) -> tuple[str, np.ndarray, np.ndarray, dict]:
 @pytest.mark.parametrize(
     "name",
     [
-        "eight runs",
+        "as many scores as terms",
         "one degree of freedom",
         "eight factors",
         "repeats alone",

@@ -365,8 +365,9 @@ def test_intervals_by_draws_are_those_of_the_look(tmp_path: Path, errors: str, p
         assert told.decision.half_width == look.decision.half_width
 
 
-def test_what_the_settings_lose_is_that_of_each_draw_on_a_grid(tmp_path: Path) -> None:
-    """Told is the mean loss, and how probable more than a quarter of the target is: 1.25 of 5."""
+def test_what_the_settings_lose_is_that_of_each_draw_on_a_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told is the mean loss, and how probable more than a quarter of the target is: 1.25 of 5. By the quadratic."""
+    monkeypatch.setattr("seqrsm.analysis.belief.LEAST_RUNS", 8)
     x = np.array([-1.0, -0.6, -0.2, 0.0, 0.2, 0.6, 1.0])
     scores = 60.0 - 8.0 * (x - 0.2) ** 2 + np.array([1.7, 4.1, 1.6, -2.7, -6.5, 4.5, 2.2])
     made = campaign(tmp_path / "c", specification(numeric(1)), x[:, None], scores)
