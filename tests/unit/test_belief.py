@@ -127,6 +127,7 @@ def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_a
     if alone:
         assert analysis.of_quadratic.value > 85.0
         assert 65.0 < best.confidence.low < 71.0 < best.confidence.high < 80.0
+        assert np.all(np.array(analysis.fitted.scatter(best.point)) > 0.0)
         (told,) = [block for block in _departure(analysis) if isinstance(block, Paragraph)]
         assert "alone gives settings and intervals" in told.text
 
@@ -596,9 +597,10 @@ def refused(analysis: Analysis, reason: str) -> None:
     [
         (4, {}, "from 5 runs on, and there are 4"),
         (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
+        (6, {"scores": np.full(6, 70.0)}, "the quadratic passes through every score"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
     ],
-    ids=["few", "equal", "first order"],
+    ids=["few", "equal", "equal, as many as terms", "first order"],
 )
 def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, more: dict, reason: str) -> None:
     k = 1 if n < 6 else 2
