@@ -73,9 +73,8 @@ class Departure:
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
         process = self.believed
-        found = self.common_variance
-        if self.probability < 1.0:  # else it may have no s
-            found += errors.run_variance * (1.0 - self.probability) * s**2
+        s = s if self.probability < 1.0 else 0.0  # of as many scores as terms there is none
+        found = errors.run_variance * (1.0 - self.probability) * s**2 + self.common_variance
         if process is not None:
             found += self.probability * errors.run_variance * float(np.mean(process.noise_variance)) / weight
         return float(np.sqrt(found))
@@ -96,7 +95,7 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     reason = STATED if stated else ""
     if not reason and model.order == 1:
         reason = "the model is of first order"
-    if not reason and (np.ptp(fit.y) == 0.0 or (fit.df_residual and not surface.s > 0.0)):
+    if not reason and (surface.data.all_equal or (fit.df_residual and not surface.s > 0.0)):
         reason = "the quadratic passes through every score"
     if not reason and n < LEAST_RUNS:
         reason = f"it is considered from {LEAST_RUNS} runs on, and there are {n}"
@@ -241,9 +240,8 @@ class Fitted:
         weight = float(surface.scale.weight_at(self.mean(at))[0])
         of_scores = self.departure.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         both = of_scores * math.sqrt(self.run_ratio)
-        of_mean = 0.0
-        if share < 1.0:
-            of_mean = (1.0 - share) * surface.s**2 * float(surface.variance_unscaled(surface.rows(at))[0])
+        s = surface.s if share < 1.0 else 0.0
+        of_mean = (1.0 - share) * s**2 * float(surface.variance_unscaled(surface.rows(at))[0])
         if process is not None:
             means, variances = process.marginals(at)
             off = np.square(float((surface.rows(at) @ surface.estimate)[0]) - means.mean())

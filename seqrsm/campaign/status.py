@@ -42,6 +42,9 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
             bundles = store.events(kind=MEASURED)
     applications = [latest_look(spec, one, runs, measured_ground(bundles, one.name)) for one in spec.applications]
     last = {one["name"]: one["last_look"] for one in applications}
+    for one in applications:
+        if look := one["last_look"]:
+            one["warnings"] += sensor_warnings(spec, look["optimum"]["settings"])
     result: dict[str, Any] = {
         "campaign": spec.name,
         "runs": dict(Counter(run.state for run in runs)),
@@ -103,7 +106,7 @@ def latest_look(
     -------
     dict
         ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's
-        summary, or None where there is no fit), ``warnings`` (of fit and settings), ``reason`` (why scores give none).
+        summary, or None where there is no fit), ``warnings`` (of that fit), ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary
@@ -121,7 +124,6 @@ def latest_look(
                 return plain({"last_look": look_summary(analysis), "warnings": analysis.warnings})
 
             found |= remembered(look, made_of)
-            found["warnings"] += sensor_warnings(spec, found["last_look"]["optimum"]["settings"])
     except FitError as error:
         found["reason"] = str(error)
     return found

@@ -170,12 +170,12 @@ def _verdict(
 def _of_levels(spec: CampaignSpec, item: StartRange, level: str, levels: Sequence[str]) -> tuple[str, str]:
     """Verdict and reason on a level that is a number, a band, or a set of these."""
     members = {} if spec.simulator is None else spec.simulator.members
-    values = {part: frequency_of(part, members) for one in levels for part in one.split("+")}
-    known = [value for value in values.values() if value is not None]
-    if len(known) < len(values):
+    parts = {part for one in levels for part in one.split("+")}
+    values = {part: value for part in parts if (value := frequency_of(part, members)) is not None}
+    if len(values) < len(parts):
         return "not comparable", "levels that are no numbers"
-    region = min(known), max(known)
-    found = {part: _verdict(item, value := values[part] or 0.0, (value, value), region) for part in level.split("+")}
+    region = min(values.values()), max(values.values())
+    found = {part: _verdict(item, values[part], (values[part],) * 2, region) for part in level.split("+")}
     if len({verdict for verdict, _ in found.values()}) == 1:
         return next(iter(found.values()))
     inside = listing([part for part, (verdict, _) in found.items() if verdict == "agrees"])

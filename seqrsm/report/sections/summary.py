@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis, BlockResponse
 from seqrsm.campaign.ingest import ranking_messages
@@ -170,7 +168,7 @@ def recommendation(analysis: Analysis) -> str:
     told = told_settings(analysis.region, analysis.optimum.settings, setting_spreads(analysis))
     settings = listing(setting_phrases(analysis.region, told))
     what = f"the settings with the {best} estimated mean score in the region"
-    if np.ptp(analysis.data.scores) == 0.0:
+    if analysis.data.all_equal:
         return f"For {analysis.application} every setting is equally good so far, such as {settings}."
     if _is_a_guess(analysis):
         return (
