@@ -22,6 +22,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.surfaces import TwoSources
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign import next_runs
+from seqrsm.campaign.check import check_campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -119,8 +120,11 @@ def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_a
     """Of 11 scores of 67 to 76 the mean was told as 170 (59 to 603), of 10 as 151, without an interval."""
     rng = np.random.default_rng(2)
     points = rng.uniform(-1.0, 1.0, (n, 3)).round(3)
-    analysis = analysed(tmp_path / "c", specification(numeric(3)), points, 71.0 + 2.0 * rng.standard_normal(n))
+    made = campaign(tmp_path / "c", specification(numeric(3)), points, 71.0 + 2.0 * rng.standard_normal(n))
+    (analysis,) = made.analyse_all(n_draws=400)
     departure, best = analysis.fitted.departure, analysis.optimum
+    told = " ".join(analysis.warnings)
+    assert ("No error estimate" in told, "rest on shrunk coefficients" in told) == ((n == 10),) * 2
     assert (departure.probability == 1.0) is alone
     assert ("fewer than 4 degrees of freedom" in departure.reason) is alone
     assert departure.favoured is (departure.probability > 0.5 and not alone)
@@ -128,8 +132,10 @@ def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_a
         assert analysis.of_quadratic.value > 85.0
         assert 65.0 < best.confidence.low < 71.0 < best.confidence.high < 80.0
         assert np.all(np.array(analysis.fitted.scatter(best.point)) > 0.0)
-        (told,) = [block for block in _departure(analysis) if isinstance(block, Paragraph)]
-        assert "alone gives settings and intervals" in told.text
+        (paragraph,) = [block for block in _departure(analysis) if isinstance(block, Paragraph)]
+        assert "alone gives settings and intervals" in paragraph.text
+        assert "another surface" not in check_campaign(tmp_path / "c").surfaces
+        assert "spread" in {run.purpose for run in made.decide(4, analyses=[analysis])}  # as where neither is certain
 
 
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
