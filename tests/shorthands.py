@@ -1,4 +1,4 @@
-"""What tests and studies ask for in one call: a score in tiles, an image of still ground, draws of a posterior."""
+"""What tests and studies ask for in one call: a score in tiles, an image of still ground, draws, what days leave."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import gamma, kv
 
 from seqrsm.fit import ensemble
 from seqrsm.fit.conjugate import Flat
@@ -55,6 +57,15 @@ def still_radiometer(scene: Scene, radiometer: Any, table: Any, **options: Any) 
 
     with mock.patch.object(prm, "draw_radiometer_occasion", still):
         return prm.simulate_radiometer(scene, radiometer, table, **options)
+
+
+def left(gap: float, memory: float) -> float:
+    """Matérn's correlation of order 3/2 (Rasmussen and Williams 2006, eq. 4.14), 1/e after the memory; both in days."""
+
+    def related(x: float) -> float:
+        return 2.0**-0.5 / gamma(1.5) * x**1.5 * kv(1.5, x) if x > 0.0 else 1.0
+
+    return related(gap / memory * brentq(lambda x: related(x) - np.exp(-1.0), 1.0, 4.0))
 
 
 def met_on_time(radiometer: Any, lookups: Any, scene: Scene, visit: Visit, **key: int) -> RadiometerOccasion:

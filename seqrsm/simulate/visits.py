@@ -41,6 +41,9 @@ integral equation model says of bare soils of several roughnesses -0.2 to 0.65 b
 0.7 to 1 at L band.
 """
 
+_TO_ONE_E = 2.1461932206  # (1 + x) exp(-x) = 1/e
+_NEARLY = 1.0 - 1e-9  # else days that are seconds apart have no Cholesky factor
+
 _SLOW_SHARE, _SLOW_DAYS = 0.74, 30.0
 FAST_DAYS: Final = 4.5
 """In which the weather of a date falls to 1/e of itself [d]: what rain does to soil, and to plants (assumed)."""
@@ -110,30 +113,34 @@ def related_fields(one_ghz: float, other_ghz: float, apart_deg: float = 0.0) -> 
 def at_angle(visit: Visit, purpose: str, draw: Callable[[str], FloatArray]) -> FloatArray:
     """What ``draw`` makes of a purpose's name for fields, as the radar of a visit sees it at its incidence angle.
 
-    Of the steepest radar of a run it is the draw of that name; from there each angle sees the last one's, `faded`.
+    Of the steepest radar of a run it is the draw of that name; from there each angle sees what the last one saw, less
+    what the degrees between them cost.
     """
-    names = [purpose, *(f"{purpose} angle {k}" for k in range(1, len(visit.angles_deg)))]
-    return faded([draw(name) for name in names], visit.angles_deg, ANGLE_DEG)
+    state = draw(purpose)
+    for k, apart_deg in enumerate(np.diff(visit.angles_deg), start=1):
+        left = math.exp(-apart_deg / ANGLE_DEG)
+        state = left * state + math.sqrt(1.0 - left**2) * draw(f"{purpose} angle {k}")
+    return state
 
 
 def over_dates(
     visit: Visit, purpose: str, draw: Callable[[str], FloatArray], memory_days: float | FloatArray
 ) -> FloatArray:
-    """What ``draw`` makes of a purpose's name on a visit, `faded` over the dates up to it; without a day the first."""
+    """What ``draw`` makes of a purpose's name on a visit, `changing` up to its date; without a day the first."""
     past = visit.days[: visit.number + 1] or (0.0,)
-    return faded([draw(Visit(past, t).dated(purpose)) for t in range(len(past))], past, memory_days)
+    return changing([draw(Visit(past, t).dated(purpose)) for t in range(len(past))], past, memory_days)
 
 
-def faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: float | FloatArray) -> FloatArray:
-    """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day.
+def changing(draws: Sequence[FloatArray], days: Sequence[float], memory_days: float | FloatArray) -> FloatArray:
+    """Last value (n,) of a smooth standard series, related by 1/e after ``memory_days`` (n,); a draw (n,) a day.
 
-    Or by angles in place of days.
+    Matérn's covariance of order 3/2 (Rasmussen and Williams 2006, eq. 4.17): what is different after hours grows with
+    the time between them, not with its root, which would tell covers apart by two dates of one day.
     """
-    state, *later = draws
-    for gap, fresh in zip(np.diff(days), later, strict=True):
-        left = np.exp(-gap / memory_days)
-        state = left * state + np.sqrt(1.0 - left**2) * fresh
-    return state
+    memories, of = np.unique(memory_days, return_inverse=True)
+    x = _TO_ONE_E * np.abs(np.subtract.outer(days, days)) / memories[:, None, None]
+    weights = np.linalg.cholesky(np.where(x > 0.0, _NEARLY, 1.0) * (1.0 + x) * np.exp(-x))[:, -1]
+    return np.asarray(sum(weight[of] * draw for weight, draw in zip(weights.T, draws, strict=True)))
 
 
 def half_lasting(
@@ -182,7 +189,7 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
         return float(generator(seed, run_id, "soil moisture").random())
     past = visit.days[: visit.number + 1]
     draws = generator(seed, run_id, "soil moisture of days").standard_normal((len(past), 2))
-    slow, fast = faded(list(draws), past, np.array([_SLOW_DAYS, FAST_DAYS]))
+    slow, fast = changing(list(draws), past, np.array([_SLOW_DAYS, FAST_DAYS]))
     return float(ndtr(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
 
 

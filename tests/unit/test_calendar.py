@@ -17,7 +17,7 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 import prm_cases
-from shorthands import met_on_time
+from shorthands import left, met_on_time
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
@@ -32,6 +32,7 @@ from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, look_up
 from seqrsm.simulate.visits import (
     Visit,
+    changing,
     deviates,
     field_shift_days,
     half_lasting,
@@ -366,6 +367,26 @@ def test_a_field_keeps_at_two_angles_what_it_is_over_dates():
     assert found[0, 3] == pytest.approx(found[0, 1] * np.exp(-20.0 / 45.0), abs=0.02)
 
 
+def test_what_changes_over_days_is_smooth_and_each_field_has_its_memory():
+    days, memory = (120.0, 120.1, 120.2, 124.0, 160.0), np.repeat([4.5, 86.0], 40_000)
+    draws = list(np.random.default_rng(4).standard_normal((len(days), memory.size)))
+    states = [changing(draws[: t + 1], days[: t + 1], memory) for t in range(len(days))]
+    np.testing.assert_array_equal(states[0], draws[0])
+    for mine in (memory == 4.5, memory == 86.0):
+        found = np.corrcoef([state[mine] for state in states])
+        wanted = [[left(abs(one - other), memory[mine][0]) for one in days] for other in days]
+        np.testing.assert_allclose(found, wanted, atol=0.02)
+        hours, twice = (np.std(states[t][mine] - states[0][mine]) for t in (1, 2))
+        assert twice / hours == pytest.approx(2.0, rel=0.02)  # the root of 2 where it is rough
+
+
+def test_days_that_are_seconds_apart_and_a_date_on_each_day_have_states():
+    draws = list(np.random.default_rng(5).standard_normal((120, 3)))
+    together = [changing(draws[: t + 1], (120.0, 120.0 + 1e-9, 120.0 + 2e-9)[: t + 1], 4.5) for t in range(3)]
+    np.testing.assert_allclose(together, np.broadcast_to(draws[0], (3, 3)), atol=3e-4)
+    assert np.isfinite(changing(draws, tuple(range(1, 121)), np.array([4.5, 86.0, 98.0]))).all()
+
+
 def test_soil_moisture_of_days_is_uniform_and_remembers():
     days = (120.0, 123.0, 180.0)
     u = np.array([[moisture_share(Visit(days, t), seed=1, run_id=k) for t in range(3)] for k in range(1500)])
@@ -374,7 +395,7 @@ def test_soil_moisture_of_days_is_uniform_and_remembers():
     z = stats.norm.ppf(u)
     for a, b in ((0, 1), (0, 2)):
         gap = days[b] - days[a]
-        expected = 0.74 * np.exp(-gap / 30.0) + 0.26 * np.exp(-gap / 4.5)
+        expected = 0.74 * left(gap, 30.0) + 0.26 * left(gap, 4.5)
         assert np.corrcoef(z[:, a], z[:, b])[0, 1] == pytest.approx(expected, abs=0.09)
 
 
@@ -401,8 +422,8 @@ def test_a_field_stays_itself_over_dates():
     grass, wheat = (field_offsets((150.0, 160.0, 270.0), name) for name in ("Grass", "Wheat"))
     r_grass, r_wheat = np.corrcoef(grass), np.corrcoef(wheat)
     share, fast = 0.78, 0.4**2 / grass[0].var()
-    left, quick = np.exp(-10.0 / np.array([86.0, 4.5]))
-    assert r_grass[0, 1] == pytest.approx(share + (1.0 - share - fast) * left + fast * quick, abs=0.02)
+    slow, quick = left(10.0, 86.0), left(10.0, 4.5)
+    assert r_grass[0, 1] == pytest.approx(share + (1.0 - share - fast) * slow + fast * quick, abs=0.02)
     assert r_grass[0, 2] > 0.75
     assert r_wheat[0, 1] > 0.5
     assert r_wheat[0, 2] < 0.35
@@ -490,7 +511,7 @@ def test_what_half_lasts_is_half_the_same_on_two_dates():
     one, *others = (half_lasting(Visit(days, t), "texture", (40_000,), 5.4, **key) for t in range(4))
     for day, other in zip(days[1:], others, strict=True):
         assert (one.std(), other.std()) == pytest.approx((1.0, 1.0), abs=0.02)
-        related = 0.5 + 0.5 * math.exp(-(day - 120.0) / 4.5)  # the weather's half
+        related = 0.5 + 0.5 * left(day - 120.0, 4.5)  # the weather's half
         assert np.corrcoef(one, other)[0, 1] == pytest.approx(related, abs=0.02)
     static = half_lasting(Visit(), "texture", (40_000,), 5.4, **key)
     assert static.std() == pytest.approx(1.0, abs=0.02)
@@ -533,20 +554,20 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
 
     found = np.array([offsets(run) for run in range(900)])
     canopy = [1.0 - on_day(one.course.soil_share, day)[:-1] for one, day in zip(looked, days, strict=True)]
-    np.testing.assert_allclose(found[:, :, :-1].std(axis=0), np.hypot(0.8 * np.array(canopy), 0.6), rtol=0.1)
+    np.testing.assert_allclose(found[:, :, :-1].std(axis=0), np.hypot(0.8 * np.array(canopy), 0.5), rtol=0.1)
     assert found[:, :, -1].std() == pytest.approx(looked[0].date_sd_db[-1], rel=0.06)
     for t, day in enumerate(days):
         together = [np.corrcoef(found[:, 0, k], found[:, t, k])[0, 1] for k in range(len(covers))]
-        weather, crop = np.exp(-(day - 150.0) / np.array([4.5, 15.0]))
+        weather, crop = left(day - 150.0, 4.5), left(day - 150.0, 10.0)
         assert together[-1] == pytest.approx(weather, abs=0.1)
-        shared, own = np.square(0.8 * canopy[0]), 0.6**2
+        shared, own = np.square(0.8 * canopy[0]), 0.5**2
         wanted = (0.8**2 * canopy[0] * canopy[t] * weather + own * crop) / np.sqrt(
             (shared + own) * (np.square(0.8 * canopy[t]) + own)
         )
         assert np.mean(together[:-1]) == pytest.approx(wanted.mean(), abs=0.05)
 
 
-@pytest.mark.parametrize(("channel", "shared", "own"), [("VV", 0.8, 0.6), ("HV", 1.1, 1.0)])
+@pytest.mark.parametrize(("channel", "shared", "own"), [("VV", 0.8, 0.5), ("HV", 1.1, 0.85)])
 def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch, channel, shared, own):
     """The soil's part has the moisture of the date in its place; L band sees more soil than is bare."""
     monkeypatch.setattr(occasion, "_YEAR_DB", 0.0)
@@ -575,8 +596,8 @@ def test_fields_have_weather_of_their_own(channel, weather_db, share, memory):
     found = np.array([one.field_offset_db[0] for one in met])
     fast = weather_db**2 / found[0].var()
     for t in (1, 2):
-        left, quick = np.exp(-(days[t] - days[0]) / np.array([memory, 4.5]))
-        wanted = share + (1.0 - share - fast) * left + fast * quick
+        slow, quick = left(days[t] - days[0], memory), left(days[t] - days[0], 4.5)
+        wanted = share + (1.0 - share - fast) * slow + fast * quick
         assert np.corrcoef(found[0], found[t])[0, 1] == pytest.approx(wanted, abs=0.005)
 
 
@@ -590,7 +611,7 @@ def test_wind_goes_with_the_weather_and_is_uniform_on_each_date():
     normal = stats.norm.ppf((wind - 2.0) / 8.0)
     for t, day in enumerate(days):
         assert stats.kstest(wind[:, t], "uniform", (2.0, 8.0)).pvalue > 0.01
-        assert np.corrcoef(normal[:, 0], normal[:, t])[0, 1] == pytest.approx(np.exp(-(day - 150.0) / 4.5), abs=0.06)
+        assert np.corrcoef(normal[:, 0], normal[:, t])[0, 1] == pytest.approx(left(day - 150.0, 4.5), abs=0.06)
 
 
 def test_calibration_errs_for_all_covers_of_a_channel_alike():

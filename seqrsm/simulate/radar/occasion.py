@@ -48,15 +48,15 @@ from seqrsm.simulate.visits import (
 from seqrsm.units import db_to_linear, linear_to_db
 
 _WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
-_CROP_WEATHER_DB: Final = (0.6, 1.0)
+_CROP_WEATHER_DB: Final = (0.5, 0.85)
 """A crop's own: 10-day means of wheat, maize and grass of western France, less those of all crops and of 50 days and
-what their number leaves open, depart by 0.32 and 0.55 dB rms, which is half of what such a series does."""
-_CROP_DAYS: Final = 15.0
+what their number leaves open, depart by 0.32 and 0.55 dB rms, which is 0.64 of what such a series does."""
+_CROP_DAYS: Final = 10.0
 """In which that falls to 1/e: those means are related by 0.0 from one to the next, as in such a series; of weather it
-would be -0.15, of sampling -0.3."""
+would be -0.2, of sampling -0.3."""
 _FIELD_WEATHER_DB: Final = (0.4, 0.55)
 """In proportion to `_WEATHER_DB` (assumed). Fields of SMAPVEX12 differ on days up to four apart by 0.37 (HH) and 0.85
-dB (VV; five pairs each, over the root of 2), where what fades in weeks leaves 0.34."""
+dB (VV; five pairs each, over the root of 2), where what fades in weeks leaves 0.1."""
 _YEAR_DB: Final = 1.0  # assumed
 
 
@@ -119,7 +119,7 @@ def draw_occasion(
     same dates that look no more steeply, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date,
-    common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.6, 1 dB), a level (1 dB) and a shift of the year, and
+    common to all crops (0.8 dB, 1.1 dB at HV), a crop's own (0.5, 0.85 dB), a level (1 dB) and a shift of the year, and
     fields with a lasting departure, one that fades, part of it (0.4, 0.55 dB) as weather does, and a shift of their own
     (`seqrsm.scattering.calendar`). Where a crop leaves soil bare, its weather and level are those of all bare soil, and
     the part of its echo that is the soil's has the date's moisture in place of the weather that crops share. The
