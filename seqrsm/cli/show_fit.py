@@ -77,7 +77,7 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
         show_sections(result_section(spec, one, rests, "", one.application) for one in outcome.analyses)
     show_sections([summary_section(spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
     events = campaign.store.events(kind=RANKED)
-    measure = ((measure_section(analysis, events, "measure"), analysis) for analysis in outcome.analyses)
+    measure = ((measure_section(analysis, events, spec.cost, "measure"), analysis) for analysis in outcome.analyses)
     show_sections([named(section, analysis) for section, analysis in measure if section is not None])
     line()
     if not outcome.held:

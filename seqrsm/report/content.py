@@ -44,7 +44,7 @@ def build_report(dossier: Dossier) -> Report:
     for number, analysis in enumerate(analyses, 1):
         key = f"a{number}"
         parts: list[Section | None] = list(application_sections(spec, dossier.looks, analysis, key))
-        parts.append(measure_section(analysis, dossier.events, f"{key}-measure"))
+        parts.append(measure_section(analysis, dossier.events, spec.cost, f"{key}-measure"))
         how = method_sections(analysis, key)
         if alone:
             sections += parts

@@ -69,10 +69,12 @@ from seqrsm.report.sections.optimum import shape_section
 from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
 from seqrsm.report.wording import half_width_text
+from seqrsm.spec.tables import CostSpec
 from seqrsm.store.records import EventRecord, InterpreterEffect, RankingSummary
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
+NO_COST = CostSpec()
 TWO_USES = """
 [campaign]
 name = "two uses"
@@ -341,11 +343,22 @@ def test_half_widths_of_covers_have_the_decimals_of_the_smallest(studied) -> Non
     section = _measured(analysis)
     assert "one flight over the site would leave 8.5\xa0percent" in section.blocks[0].text
     grass, water = ([cell if isinstance(cell, str) else cell.text for cell in row] for row in section.blocks[-1].rows)
-    assert grass == ["Grass", "\u00b1 2.6 dB", "10.2", "0.8"]
-    assert water == ["Grass and Water", "", "8.0", "0.5"]
+    assert grass == [
+        "Grass",
+        "\u00b1 2.6 dB",
+        "10.4",
+        "10.2",
+        "0.8",
+    ]  # sqrt(121 - 0.22 * 0.75 * 77.44), and of all 0.22
+    assert water == ["Grass and Water", "", "8.8", "8.0", "0.5"]
 
 
-def _measured(analysis: Analysis) -> Section:
+def test_a_flight_over_the_site_is_told_with_its_cost(studied) -> None:
+    head = _measured(studied.analyses[0], CostSpec(unit="kEUR", flight=12.5)).blocks[0]
+    assert "one flight over the site (12.5\xa0kEUR) would leave" in head.text
+
+
+def _measured(analysis: Analysis, cost: CostSpec = NO_COST) -> Section:
     """What to measure, where most of the interval is the ground's."""
     best = analysis.optimum
     chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
@@ -358,27 +371,31 @@ def _measured(analysis: Analysis) -> Section:
     ]
     detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "known": covers}
     older = EventRecord(2, "", "", None, None, RANKED, {name: detail[name] for name in ("application", "settings")})
-    found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail), older), "measure")
+    found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail), older), cost, "measure")
     assert found is not None
-    assert measure_section(known, (older,), "measure") is None
+    assert measure_section(known, (older,), NO_COST, "measure") is None
     without = EventRecord(1, "", "", None, None, RANKED, {**detail, "known": []})
-    (only,) = measure_section(known, (without,), "measure").blocks
+    (only,) = measure_section(known, (without,), NO_COST, "measure").blocks
     assert "one flight" in str(only)
     little = [{**one, "left": left} for one, left in zip(covers, (1.0, 0.9), strict=True)]
     hardly = EventRecord(1, "", "", None, None, RANKED, {**detail, "known": little})
-    (only,) = measure_section(known, (hardly,), "measure").blocks
+    (only,) = measure_section(known, (hardly,), NO_COST, "measure").blocks
     least = half_width_text(known, best.whole.half_width * float(np.sqrt(1.0 - 0.1 * 0.64)))
     assert str(only.text).endswith(f"Exact knowledge of covers would leave {least} at best.")
     some = [{**one, "left": left} for one, left in zip(covers, (1.0, 0.5), strict=True)]
-    told = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), "measure")
+    told = measure_section(
+        known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), CostSpec(), "measure"
+    )
     assert told is not None
     assert len(told.blocks) == len(found.blocks)  # where one cover counts the table stays
     names, shares = (["Grass"], ["Water"], ["Grass", "Water"]), (0.5, 1.0, 0.48)
     some = [{**covers[0], "covers": own, "left": left} for own, left in zip(names, shares, strict=True)]
-    told = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), "measure")
+    told = measure_section(
+        known, (EventRecord(1, "", "", None, None, RANKED, {**detail, "known": some}),), CostSpec(), "measure"
+    )
     assert told is not None
     assert [row[0].text for row in told.blocks[-1].rows] == ["Grass"]  # not what hardly helps
-    assert measure_section(analysis, (), "measure") is None
+    assert measure_section(analysis, (), NO_COST, "measure") is None
     return found
 
 
