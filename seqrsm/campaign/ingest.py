@@ -2,9 +2,9 @@
 
 A row with a ``run_id`` is the score of that run; the settings of the row are kept beside the proposed ones. In a file
 without any settings these are those of the runs. A row without one becomes a new run: flights that nobody proposed and
-old data are welcome, and settings outside the region are accepted with a remark. Rows that follow one another with the
-same settings and different applications are one run. Rows that say what an earlier file has said already are
-recognised, with or without run id, and never doubled. A file with the columns ``interpreter`` and ``rank`` holds
+old data are welcome, and settings outside the region are accepted with a remark. Rows of one file with the same
+settings, block and date and of different applications are one run. Rows that say what an earlier file has said already
+are recognised, with or without run id, and never doubled. A file with the columns ``interpreter`` and ``rank`` holds
 rankings, from which scores follow.
 """
 
@@ -208,35 +208,51 @@ def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) ->
 
 
 def _runs(spec: CampaignSpec, file: ScoresFile, outside: frozenset[int]) -> list[IngestedRun]:
-    """Runs of the file: rows with the same run id, or neighbours with the same settings, are one run."""
+    """Runs of the file: rows of different applications with the same run id, or alike and without one, are one run.
+
+    Of runs that are alike the one in the line above is completed first, then the earliest without a score of the
+    application: a table may list all scores of one application after those of another.
+    """
     groups: list[list[MeasuredScore]] = []
     by_id: dict[int, list[MeasuredScore]] = {}
+    alike: dict[object, list[list[MeasuredScore]]] = {}
+    complete: dict[object, int] = {}  # how many of them, from the first on, have a score of the application
     problems: list[Problem] = []
     for score in file.scores:
-        group = by_id.get(score.run_id) if score.run_id is not None else (groups[-1] if groups else None)
-        if group is not None and _same_run(spec, group, score):
+        kind = _kind(spec, score)
+        if score.run_id is not None:
+            group = by_id.get(score.run_id)
+        elif groups and _lacks(groups[-1], score) and _kind(spec, groups[-1][0]) == kind:
+            group = groups[-1]
+        else:
+            equal, key = alike.setdefault(kind, []), (kind, score.application)
+            while (n := complete.get(key, 0)) < len(equal) and not _lacks(equal[n], score):
+                complete[key] = n + 1
+            group = equal[n] if n < len(equal) else None
+        if group is not None and _lacks(group, score) and _kind(spec, group[0]) == kind:
             group.append(score)
             continue
-        if group is not None and score.run_id is not None:
+        if group is not None:
             message = f"run {score.run_id} has other settings, block or source in line {group[0].line}"
             problems.append(Problem(message, "One run has one setting.", file.name, score.line, "run_id", score.run_id))
         groups.append([score])
-        if score.run_id is not None:
+        if score.run_id is None:
+            alike[kind].append(groups[-1])
+        else:
             by_id.setdefault(score.run_id, groups[-1])
     if problems:
         raise ScoresFileError(*problems)
     return [_ingested(spec, file.name, group, outside) for group in groups]
 
 
-def _same_run(spec: CampaignSpec, group: Sequence[MeasuredScore], score: MeasuredScore) -> bool:
-    first = group[0]
-    return (
-        score.run_id == first.run_id
-        and score.settings == first.settings
-        and block_of(spec, score) == block_of(spec, first)
-        and (score.source, score.date) == (first.source, first.date)
-        and all(score.application != other.application for other in group)
-    )
+def _kind(spec: CampaignSpec, score: MeasuredScore) -> object:
+    """What the rows of one run have in common."""
+    settings = tuple(sorted(score.settings.items()))
+    return score.run_id, settings, block_of(spec, score), score.source, score.date
+
+
+def _lacks(group: Sequence[MeasuredScore], score: MeasuredScore) -> bool:
+    return all(score.application != other.application for other in group)
 
 
 def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], outside: frozenset[int]) -> IngestedRun:

@@ -79,10 +79,13 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         found = () if wanted is None else ledger.runs(RUNS.c.id == wanted)
         old = found[0] if found else None
         _refuse_ranked(ranked_already, run, file.name, problems)
-        if twin is not None:
-            new = tuple(score for score in run.scores if twin.score_of(score.application) is None)
-            equal += [EqualRow(score.source_row, twin.run_id, twin.state) for score in run.scores if score not in new]
+        again = twin
+        while known is not None and again is not None:
+            new = tuple(score for score in run.scores if again.score_of(score.application) is None)
+            equal += [EqualRow(score.source_row, again.run_id, again.state) for score in run.scores if score not in new]
             run = replace(run, scores=new)
+            # An earlier file may have told the scores of this run as those of several.
+            again = known.take(run) if new else None
         if twin is not None and (twin.state == "void" or not run.scores):
             unchanged.append(twin.run_id)
         elif wanted is not None and old is None:

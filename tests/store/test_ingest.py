@@ -258,6 +258,24 @@ def test_several_applications_of_one_run(campaign, store):
     assert [[s.application for s in run.scores] for run in store.runs()] == [["crops", "ice"], ["crops"], ["ice"]]
 
 
+def test_scores_of_one_application_after_those_of_another_are_of_the_same_flights(campaign, store):
+    rows = "2,4,HH,70,crops\n3,4,HH,60,crops\n2,4,HH,71,crops\n2,4,HH,-5,ice\n2,4,HH,-6,ice\n3,4,HH,-7,ice\n"
+    text = HEADER + ",application\n" + rows
+    assert campaign(text, SECOND).created == (1, 2, 3)
+    found = [{score.application: score.score for score in run.scores} for run in store.runs()]
+    assert found == [{"crops": 70, "ice": -6}, {"crops": 60, "ice": -7}, {"crops": 71, "ice": -5}]
+    assert sum(run.cost for run in store.runs()) == 3 * 250
+    assert campaign(text + "4,4,VV,50,crops\n4,4,VV,-8,ice\n", SECOND, "more.csv").created == (4,)
+
+
+def test_a_second_score_told_before_as_that_of_another_run_is_not_doubled(campaign, store):
+    campaign(HEADER + ",application\n2,4,HH,70,crops\n", SECOND)
+    campaign(HEADER + ",application\n2,4,HH,-5,ice\n", SECOND, "ice.csv")
+    both = campaign(HEADER + ",application\n2,4,HH,70,crops\n2,4,HH,-5,ice\n", SECOND, "both.csv")
+    assert (both.created, both.matched) == ((), ())
+    assert [[score.score for score in run.scores] for run in store.runs()] == [[70], [-5]]
+
+
 def test_second_application_later(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})])
     campaign("run_id," + HEADER + ",application\n1,2,4,HH,70,crops\n", SECOND)
