@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from seqrsm.analysis.belief import intervals
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.to_json import fields_to_json
@@ -68,6 +69,8 @@ class Objective:
     """Least and largest value that there can be."""
     optimum: FloatArray | None = None
     """(k,): coded settings of its own optimum, as told elsewhere; by default found here."""
+    intervals: Callable[[FloatArray], tuple[Interval, ...]] | None = None
+    """Confidence interval of the mean, and prediction interval of one run, at coded settings (k,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +99,9 @@ class GivenUp:
     """Its own optimum, natural units."""
     text: str
     """One sentence."""
+    confidence: Interval | None = None
+    prediction: Interval | None = None
+    """Of the mean, and of one future run, at the compromise; None of a consideration."""
 
     @property
     def interval(self) -> Interval:
@@ -173,6 +179,10 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         values = np.vstack([some @ analysis.model.matrix(points).T, *(surface(points) for surface in surfaces)])
         return np.clip(scale.to_score(values[order]), *limits)
 
+    def at(point: FloatArray) -> tuple[Interval, ...]:
+        _, found = intervals(fitted, point, spec.stop.level, (1.0,), 0.0)
+        return tuple(Interval(math.nan, math.nan) if fitted.surface.s == 0.0 else one.within(*limits) for one in found)
+
     return Objective(
         table.name,
         table.goal,
@@ -184,6 +194,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         analysis.score_unit,
         limits=limits,
         optimum=analysis.optimum.point,
+        intervals=at,
     )
 
 
@@ -290,6 +301,7 @@ def compromise(
             spread = 0.5 * (high - low)
             between = f" ({100 * level:g} % credible interval {known(low, spread)} to {known(high, spread)})"
         suffix = f" {objective.unit}" if objective.unit else ""
+        confidence, prediction = (None, None) if objective.intervals is None else objective.intervals(point)
         rows.append(
             GivenUp(
                 name=objective.name,
@@ -304,6 +316,8 @@ def compromise(
                 own_settings=region.decode(own)[0],
                 text=f"{objective.name}: {known(value, spread)}{suffix} against {known(own_best, spread)} at its own "
                 f"optimum, {known(given_up, spread)}{suffix} given up{between}.",
+                confidence=confidence,
+                prediction=prediction,
             )
         )
     means = np.clip(means, *np.array([objective.limits for objective in objectives]).T)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 from scored_campaigns import numeric
 
 from seqrsm.analysis.belief import Departure
@@ -23,7 +24,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.region import Region
-from seqrsm.report.sections.compromise import _setting_table
+from seqrsm.report.sections.compromise import _score_table, _setting_table
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 BOX = Region((ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0)))
@@ -255,6 +256,37 @@ def test_errors_of_one_application_are_not_those_of_another(tmp_path, monkeypatc
     # Of 200 draws: both vary by a tenth.
     assert found.credible["x0"].half_width == pytest.approx(half, rel=0.25)
     assert found.expected_shortfall == pytest.approx(float(lost.mean()), rel=0.3)
+
+
+def test_scores_to_expect_are_those_of_least_squares_at_the_compromise(tmp_path) -> None:
+    """Against statsmodels' confidence and prediction intervals, of a first-order model; a cost has none."""
+    uses = "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\n' for name in "ab")
+    cost = '[[consideration]]\nname = "cost"\nexpr = "3 + x0"\n[model]\norder = 1\n'
+    text = f'[campaign]\nname = "test"\n{numeric(2)}{uses}{cost}[stop]\nhalf_width = 5.0\nmax_runs = 40\nlevel = 0.9\n'
+    (tmp_path / "campaign.toml").write_text(text, "utf-8")
+    made, rng = Campaign.open(tmp_path), np.random.default_rng(8)
+    x = rng.uniform(-1.0, 1.0, (25, 2))
+    y = {"a": x @ [4.0, 1.0] + rng.normal(size=25), "b": x @ [-2.0, 3.0] + 2.0 * rng.normal(size=25)}
+    settings = made.spec.region.decode(x)
+    scores = ((NewScore("a", a), NewScore("b", b)) for a, b in zip(y["a"], y["b"], strict=True))
+    runs = tuple(IngestedRun(None, at, "flight", "", 1.0, row) for at, row in zip(settings, scores, strict=True))
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), runs)])
+    found = campaign_compromise(made.spec, made.analyse_all())
+    assert found is not None
+    of_uses, cost_row = found.given_up[:2], found.given_up[2]
+    for row in of_uses:
+        told = sm.OLS(y[row.name], sm.add_constant(x)).fit().get_prediction(np.array([[1.0, *found.point]]))
+        frame = told.summary_frame(alpha=0.1).iloc[0]
+        assert row.value == pytest.approx(frame["mean"])
+        assert (row.confidence.low, row.confidence.high) == pytest.approx(
+            (frame["mean_ci_lower"], frame["mean_ci_upper"])
+        )
+        assert (row.prediction.low, row.prediction.high) == pytest.approx(
+            (frame["obs_ci_lower"], frame["obs_ci_upper"])
+        )
+    assert (cost_row.confidence, cost_row.prediction) == (None, None)
+    (shown,) = _score_table(found)
+    assert [row[0].text for row in shown.rows] == ["a", "b"]
 
 
 def test_where_one_application_is_no_quadratic_another_may_be_one(tmp_path) -> None:

@@ -71,7 +71,7 @@ def compromise_summary(region: Region, found: CompromiseEstimate) -> tuple[Block
     if missed:
         lead += f" It is unacceptable for {listing(missed)}: no setting was found that is acceptable for all."
     warnings = (Paragraph(text, "warning") for text in found.warnings)
-    return (Paragraph(lead, "lead"), *warnings, *drawn, _loss_table(found))
+    return (Paragraph(lead, "lead"), *warnings, *drawn, *_score_table(found), _loss_table(found))
 
 
 def _front_figure(found: CompromiseEstimate) -> FigureBlock:
@@ -126,6 +126,23 @@ def _setting_table(region: Region, found: CompromiseEstimate) -> Table:
         rows.append((axis_label(factor), told[factor.name], ends))
     columns = ("Factor", right("Setting"), f"{level_text(found.level)} credible interval")
     return table("Settings of the compromise", columns, rows)
+
+
+def _score_table(found: CompromiseEstimate) -> tuple[Table, ...]:
+    """What each application is expected to score; none where nothing is known of errors."""
+    rows: list[tuple[Entry, ...]] = []
+    for item in found.given_up:
+        ends = [one for one in (item.confidence, item.prediction) if one is not None and math.isfinite(one.half_width)]
+        if len(ends) == 2:
+            places = decimals_for(ends[0].half_width / 2.0, decimals_of_significant(item.own_best, 3))
+            mean = with_unit(format_number(item.value, places), item.unit)
+            rows.append(
+                (item.name, mean, *(with_unit(format_range(one.low, one.high, places), item.unit) for one in ends))
+            )
+    level = level_text(found.level)
+    titles = ("Mean score", f"{level} confidence interval", f"One future run, {level} prediction interval")
+    caption = "Scores to expect at the compromise, not corrected for selection bias"
+    return (table(caption, ("Application", *map(right, titles)), rows),) if rows else ()
 
 
 def _loss_table(found: CompromiseEstimate) -> Table:
