@@ -46,7 +46,8 @@ class Problem:
             parts.append(self.field)
         text = ": ".join([*parts, self.message])
         if self.value is not None:
-            text += f" (got {self.value!r})"
+            value = list(self.value) if isinstance(self.value, tuple) else self.value
+            text += f" (got {value!r})"
         return f"{text.rstrip('.')}. {self.remedy}" if self.remedy else text
 
 

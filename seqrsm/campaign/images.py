@@ -231,7 +231,7 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
             assert isinstance(factor, ContinuousFactor)
             inside, allowed = abs(point[0, j]) <= 1.0 + 1e-9, f"{factor.low:g} to {factor.high:g}"
         if not inside:
-            remedy = f"Give {allowed} {factor.unit}".rstrip()
+            remedy = f"Give {allowed} {factor.unit}".rstrip() + "."
             text, value = "outside the campaign's region", settings[factor.name]
             problems.append(Problem(text, remedy, field=factor.name, value=value))
     shown = settings_text(region.factors, region.decode(point)[0])

@@ -47,7 +47,7 @@ class _Parser:
 
     def fail(self, message: str, node: ast.AST | None = None) -> RegionError:
         column = getattr(node, "col_offset", None)
-        where = "" if column is None else f" at column {column + 1}"
+        where = "" if column is None else f" (column {column + 1})"
         return RegionError(f"{message}{where}", ALLOWED, field="constraint", value=self.text[:MAX_CHARACTERS])
 
     def parse(self) -> Node:

@@ -60,7 +60,7 @@ def split_header(text: str) -> tuple[str, str]:
 
 
 WORDS_FOR_NOTHING = frozenset(
-    ("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "#nv", "#n/d", "-", "--", "?", "x")
+    ("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "#nv", "#n/d", "k.a.", "k. a.", "-", "--", "?", "x")
 )
 _SENTINELS = frozenset(
     sign * size for sign in (-1.0, 1.0) for size in (99.0, 999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0)
@@ -332,7 +332,7 @@ class CellReader:
     def check_decimal_sign(self, text: str, line: int, column: str) -> None:
         """Where a comma may be decimal, a file that has both signs is not to be read: 1,234 may be a thousand."""
         signs = {sign for sign in ",." if sign in text}
-        if self.table.delimiter == "," or len(signs) != 1:
+        if self.table.delimiter == "," or len(signs) != 1 or not any(map(str.isdigit, text)):
             return
         for sign in signs - self.decimal_signs.keys():
             self.decimal_signs[sign] = line

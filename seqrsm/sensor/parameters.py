@@ -11,6 +11,7 @@ field there and a row here; one that a campaign is to vary, and could not, loses
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
@@ -231,7 +232,8 @@ def configured(
     for name, written in [*settings.items(), *(fixed or {}).items()]:
         row = table.get(name)
         if row is None:
-            remedy = f"Known: {', '.join(table)}"
+            near = difflib.get_close_matches(name, table, n=1)
+            remedy = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(table)}"
             problems.append(Problem(f"no such {sensor} parameter", remedy, field=name, value=written))
         elif row.field in given:
             problems.append(Problem("given twice", "Give it once: as a factor or as fixed", field=name))

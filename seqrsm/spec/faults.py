@@ -78,7 +78,10 @@ class Reporter:
             message = detail["msg"].removeprefix("Input ").replace("should", "must", 1)
             options = re.findall(r"'([^']*)'", message) if kind == "literal_error" else []
             near = difflib.get_close_matches(str(value), options, n=1)
-            self.add(location, message[:1].lower() + message[1:], f'Did you mean "{near[0]}"?' if near else "", value)
+            remedy = f'Did you mean "{near[0]}"?' if near else ""
+            if location[-1] == "level" and isinstance(value, int | float) and 1.0 < value < 100.0:
+                remedy = f"Write {value / 100.0:g} for {value:g} %."
+            self.add(location, message[:1].lower() + message[1:], remedy, value)
 
 
 _WRONG_TYPE = {

@@ -169,7 +169,7 @@ def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors,
         remedy = "Let the levels of the factor frequency name its members."
         report.add((*path, "name"), "a member's frequency identifies the member", remedy, name)
     elif parameter.why_fixed:
-        remedy = f"Give it under [simulator.fixed]. {parameter.why_fixed}."
+        remedy = f"Give it under [simulator.fixed]: {parameter.why_fixed}."
         report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
 
 

@@ -126,6 +126,12 @@ def test_refused_with_the_place_and_the_remedy(make, content, says):
     assert folder.runs() == []
 
 
+def test_a_word_with_points_has_no_decimal_sign(make):
+    told = make().ingest("frequency;resolution;polarization;score\n1,5;12;HH;70,5\n1,6;12;HH;k. A.\n", code=2)
+    assert "(got 'k. A.'). Leave the cell empty if there is no value." in told
+    assert "decimal sign" not in told
+
+
 @pytest.mark.parametrize("model", ['weights = "counts"', 'response = "logit"\nerrors = "beta_binomial"'])
 def test_where_scores_count_by_decisions_the_form_asks_for_them_and_none_goes_without(make, model):
     """One score without counts would keep the campaign from every fit until it is void."""

@@ -46,7 +46,7 @@ def test_faults_of_names_are_told_together():
     text = str(caught.value)
     assert "looks: no such radiometer parameter" in text
     assert "bandwidth: not a number" in text
-    assert "frequency_ghz: no such radiometer parameter" in text
+    assert "frequency_ghz: no such radiometer parameter (got 5.0). Did you mean 'frequency'?" in text
 
 
 @pytest.mark.parametrize(("name", "value"), [

@@ -157,7 +157,7 @@ def test_a_constraint_is_text(value):
 
 
 def test_the_message_says_where():
-    with pytest.raises(RegionError, match="'Lambda' is not allowed at column 6"):
+    with pytest.raises(RegionError, match=r"'Lambda' is not allowed \(column 6\)"):
         Constraint("x < (lambda: 3)")
 
 

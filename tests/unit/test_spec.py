@@ -259,7 +259,7 @@ FAULTS = [
     ("flight = 250.0", "flight = -250.0", "flight = -250.0", "[cost] flight", "greater than or equal to 0"),
     ("half_width = 4.0", "half_width = 0", "half_width = 0", "[stop] half_width", "greater than 0"),
     ("half_width = 4.0\n", "", "[stop]", "[stop] half_width", "missing"),
-    ("level = 0.95", "level = 95", "level = 95", "[stop] level", "less than or equal to 0.9999"),
+    ("level = 0.95", "level = 95", "level = 95", "[stop] level", "equal to 0.9999. Write 0.95 for 95 %."),
     ("level = 0.95", "level = 0", "level = 0", "[stop] level", "greater than or equal to 0.5"),
     ("level = 0.95", "level = 1e-300", "level = 1e-300", "[stop] level", "greater than or equal to 0.5"),
     ("max_runs = 80", "max_runs = 0", "max_runs = 0", "[stop] max_runs", "equal to 1"),

@@ -384,10 +384,10 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     steep, flat = np.degrees(range_geometry(edges, frame.height_m, frame.curved).incidence_rad)
     rotated = not frame.wrapped and frame.cell_of_scene is not None
     both = " and ".join(radar.pair)
-    but = f", but for {both}, whose phase is known" if PHASE in radar.channels else ""
     notes = {
-        f"fading is correlated over the resolution cell and independent between channels{but}": radar.finer_pixels,
-        f"fading is independent between pixels and between channels{but}": not radar.finer_pixels,
+        "fading is correlated over the resolution cell and independent between channels": radar.finer_pixels,
+        "fading is independent between pixels and between channels": not radar.finer_pixels,
+        f"where the phase between {both} is recorded, their fading is correlated": PHASE in radar.channels,
         f"classifiers do not know the incidence angle, which spans more than {_WIDE_DEG:g} deg: crops score 1 percent "
         "lower over 25 deg, 3 over 45": flat - steep > _WIDE_DEG,
         "ground outside the scene returns nothing": frame.wrapped,
