@@ -135,7 +135,7 @@ class Campaign:
         *,
         factors: Mapping[str, Any] | None = None,
         half_width: float | None = None,
-        application: str | Mapping[str, Any] = "score",
+        application: str | Mapping[str, Any] | None = None,
         constraints: str | Sequence[str] = (),
         template: str | None = None,
         **tables: Mapping[str, Any],
@@ -152,7 +152,8 @@ class Campaign:
         half_width : float
             Target half-width of the interval at the optimum, in score units.
         application : str or Mapping
-            A name, for measured scores to be maximized, or the keys of an ``[[application]]``.
+            A name, by default that of the folder, for measured scores to be maximized, or the keys of an
+            ``[[application]]``.
         constraints : str or sequence of str
             Such as ``"looks <= 4 * resolution"``.
         template : str
@@ -167,7 +168,7 @@ class Campaign:
         if template is not None:
             from seqrsm.spec.templates import copy_template
 
-            if factors is not None or half_width is not None or application != "score" or constraints or tables:
+            if factors is not None or half_width is not None or application is not None or constraints or tables:
                 raise UserError("a template has its own factors and tables", "Edit its campaign.toml.")
             copy_template(template, place)
             return cls(place)
@@ -176,7 +177,8 @@ class Campaign:
         if not isinstance(factors, Mapping) or not factors or half_width is None:
             remedy = "Give both, or a template."
             raise UserError("a campaign needs factors, a mapping by name, and half_width", remedy)
-        named = {"name": application, "utility": "measured"} if isinstance(application, str) else application
+        name = place.name if application is None else application
+        named = {"name": name, "utility": "measured"} if isinstance(name, str) else name
         content: dict[str, Any] = {
             "factor": factor_tables(factors),
             "constraint": [{"expr": text} for text in ([constraints] if isinstance(constraints, str) else constraints)],
@@ -352,7 +354,9 @@ class Campaign:
         return Fit(opened, analyses, tests, opened.compromise(analyses))
 
     @_one_thread
-    def candidates(self, *, worlds: int = 16, workers: int = 1, progress: Any = lambda done, of: None) -> Candidates:
+    def candidates(
+        self, *, worlds: int = 16, workers: int = 1, progress: Callable[[int, int], None] | None = None
+    ) -> Candidates:
         """Probability that each sensor of ``[[candidate]]`` suffices, and which properties cost it score.
 
         Parameters
@@ -362,13 +366,14 @@ class Campaign:
         workers : int
             Parallel processes.
         progress : callable
-            Called with (done, total) candidates.
+            Called with the numbers of candidates done and in all.
         """
         from seqrsm.campaign.candidates import measure_candidates
 
         _see_whole(4, worlds=worlds)
         _see_whole(1, workers=workers)
-        return Candidates(measure_candidates(self.opened, worlds=worlds, workers=workers, progress=progress))
+        told = progress or (lambda done, of: None)
+        return Candidates(measure_candidates(self.opened, worlds=worlds, workers=workers, progress=told))
 
     @_one_thread
     def status(self, *, history: bool = False) -> Status:
@@ -443,7 +448,7 @@ class Campaign:
         pdf: str | Path | None = None,
         figures: str | Path | None = None,
         *,
-        step: Any = lambda text: None,
+        step: Callable[[str], None] | None = None,
     ) -> tuple[Path, ...]:
         """Write the report, by default HTML and PDF into the campaign's ``reports``; return the files written."""
         from seqrsm.campaign.dossier import assemble
@@ -461,7 +466,8 @@ class Campaign:
         for name, file in files.items():
             if name != "figures" and file.suffix.lower() != f".{name}":
                 raise UserError("unknown kind of report", f"Name a .{name} file.", file=str(file))
-        return write_report(assemble(self.opened, step), **files, step=step)
+        told = step or (lambda text: None)
+        return write_report(assemble(self.opened, told), **files, step=told)
 
 
 @dataclass(repr=False, eq=False)

@@ -312,7 +312,7 @@ def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> 
         ({"application": {"name": "a", "utility": "percent"}}, "percent_correct"),
         ({"factors": ["looks", "pol"]}, "mapping"),
         ({"half_width": "three"}, "half_width"),
-        ({"application": None}, "application.*table"),
+        ({"application": 5}, "application.*table"),
         ({"model": 1}, "model.*table"),
         ({"stop": 30}, "stop.*table"),
         ({"constraints": "looks < 3 * pol"}, "pol"),
@@ -449,7 +449,7 @@ def test_the_notebook_runs_as_it_is_shipped(tmp_path: Path, monkeypatch: pytest.
         if last is not None:
             value = eval(compile(ast.Expression(last.value), "notebook", "eval"), names)
             shown.append(value._repr_html_() if hasattr(value, "_repr_html_") else repr(value))
-    assert any("Recommended for score" in text for text in shown)
+    assert any("highest measured score for soil?" in text for text in shown)
     assert any("data:image/svg+xml" in text for text in shown)
     assert any("Decision" in text for text in shown)
     assert names["c"].spec.name == "soil"
