@@ -295,8 +295,8 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
             )
         unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
         lines = [f"# {line}" for line in textwrap.wrap(reason, 110)]
-        lines.append(f"{key} = {unit * math.ceil(_ROOM * expected / unit):.10g}")
-        text = re.sub(rf"(?m)^{key} = \S+", "\n".join(lines), text)
+        lines.append(f"{key} = {unit * math.ceil(_ROOM * expected / unit):.10g}".ljust(30))
+        text = re.sub(rf"(?m)^{key} = \S+ *", "\n".join(lines), text)
         reasons.append(reason)
     path.write_text(text, encoding="utf-8")
     return "; ".join(reasons)

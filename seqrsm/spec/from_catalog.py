@@ -297,7 +297,8 @@ def _simulator_text(engine: str, chosen: Mapping[str, _Chosen], levels: tuple[st
     altitude, bandwidth = _platform(chosen["resolution"], chosen["depression_angle"], _HALF * site.range_m)
     parts.append(
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
-        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\n"
+        + f"bandwidth = {bandwidth:.1f}".ljust(29)
+        + "# MHz\npeak_power = 300.0           # W\n"
         f"altitude_m = {site.above(altitude)}"
     )
     return [*parts, *_fixed_text(chosen, levels)]
@@ -311,8 +312,8 @@ def _target_text(wanted: Sequence[Wanted], engine: str) -> str:
     rows = [asked_for(one.measure.utility or "measured").row for one in wanted]
     percent = any(row.unit == "percent" for row in rows)
     value, unit = (14.0, "percent") if percent else (0.2, "1 is perfect") if rows[0].function else (5.0, "score units")
-    text = f"half_width = {value}             # {unit}: `seqrsm check` shows what can be reached"
-    loss = f"\nloss = {1.0 if percent else 0.02}                    # expected, against the best settings"
+    text = f"half_width = {value}".ljust(30) + f"# {unit}: `seqrsm check` shows what can be reached"
+    loss = f"\nloss = {1.0 if percent else 0.02}".ljust(31) + "# expected, against the best settings"
     return text + loss if engine else text
 
 
@@ -362,7 +363,7 @@ def _knowledge_text(ranges: Iterable[StartRange], chosen: Mapping[str, _Chosen])
         return ""
     return (
         "\n# Where most sources place the optimum, as prior knowledge; uncomment to use it.\n"
-        "# [application.prior]\n# utility = [40.0, 90.0]        # percent correct at a random setting, 95 % interval\n"
+        "# [application.prior]\n# utility = [40.0, 90.0]        # percent, mean at a random setting, 95 % interval\n"
         f"# optimum = {{ {', '.join(expected)} }}"
     )
 
