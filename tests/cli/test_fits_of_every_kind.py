@@ -18,7 +18,7 @@ from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_sections
-from seqrsm.report.sections.model import _block_text
+from seqrsm.report.sections.model import _block_text, _statistics_table
 from seqrsm.report.sections.optimum import optimum_section, shape_section
 from seqrsm.report.sections.summary import _key_figures
 from seqrsm.spec.tables import StopSpec
@@ -208,6 +208,9 @@ def test_random_days_are_no_terms_and_the_coefficients_say_what_they_are(tmp_pat
     assert terms.startswith("6 terms")  # as in the reasons of the decision
     assert any("for 6 terms" in check["text"] for check in analysis_to_json(found)["stop"]["checks"])
     assert "are those of fixed blocks" in _block_text(found.blocks, "")
+    # The table of least squares has more, and says of what.
+    told = {row[0].text: row[1].text for row in _statistics_table(found).rows}
+    assert told["Terms p, blocks included"] == str(len(analysis_to_json(found)["terms"])) != "6"
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def _statistics_table(analysis: Analysis) -> Table:
     condition = fit.condition_number
     pairs: list[tuple[str, Cell]] = [
         ("Runs N", whole_cell(fit.n_runs)),
-        ("Terms p", whole_cell(fit.n_terms)),
+        ("Terms p, blocks included" if fit.n_terms > analysis.model.p else "Terms p", whole_cell(fit.n_terms)),
         ("Residual degrees of freedom", whole_cell(fit.df_residual)),
         *((title, _known(with_unit(format_significant(s, 3), unit), s, analysis)) for title, s in _scatter(analysis)),
         ("R\u00b2", _known(format_number(fit.r2, 3), fit.r2, analysis)),

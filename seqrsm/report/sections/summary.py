@@ -296,7 +296,8 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     )
     numbers = (right("Best mean score"), right("One future run"))
     columns = ("Application", *numbers, "Most important factor", "Test", right("Stop-rule half-width"), "Decision")
-    return table("Each application optimized separately", columns, rows)
+    ends = f"{level_phrase(analyses[0])} confidence and prediction intervals"
+    return table(f"Each application optimized separately, with {ends}", columns, rows)
 
 
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], name: str) -> bool:
