@@ -324,10 +324,11 @@ def interval_text(analysis: Analysis, interval: Interval) -> str:
 
 
 def half_width_text(analysis: Analysis, half_width: float) -> str:
-    """Return a half-width to two digits, or why there is none."""
+    """Return a half-width to two digits, to three where the first is 1, or why there is none."""
     if not math.isfinite(half_width):
         return no_error_estimate(analysis) or "not defined"
-    return with_unit(format_significant(half_width, 2), analysis.score_unit)
+    digits = 3 if f"{half_width:e}".startswith("1") else 2
+    return with_unit(format_significant(half_width, digits), analysis.score_unit)
 
 
 def mean_text(analysis: Analysis) -> str:

@@ -49,7 +49,7 @@ from seqrsm.report.sections.compromise import _front_table, _paint_front
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import importance_section
-from seqrsm.report.wording import number_cell
+from seqrsm.report.wording import half_width_text, number_cell
 from seqrsm.spec.tables import ConsiderationSpec, SimulatorSpec, StopSpec
 
 
@@ -341,6 +341,12 @@ def test_two_applications_have_their_own_sections(flight):
     keys = re.findall(r'<section id="([^"]+)"', render_html(report))
     assert len(keys) == len(set(keys))
     assert {"a1", "a2", "a1-model", "a2-model", "a1-result", "a2-result"} <= set(keys)
+
+
+@pytest.mark.parametrize(("width", "told"), [(11.46, "11.5"), (10.02, "10.0"), (0.134, "0.134"), (8.12, "8.1")])
+def test_a_half_width_has_three_digits_where_the_first_is_one(flight, width, told):
+    """As the key figures tell it: 11.5 above and 11 below would be read as two numbers."""
+    assert half_width_text(flight.analyses[0], width) == told
 
 
 def test_a_compromise_opens_the_summary(flight):
