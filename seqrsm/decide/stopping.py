@@ -204,9 +204,9 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
     return int(enough[0]) if len(enough) else None
 
 
-def amount(value: float, unit: str, target: float = float("nan")) -> str:
-    """Three digits, or as many as show on which side of a target it is, and the unit."""
-    return f"{value:.{telling(value, target, 3)}g} {unit}".rstrip()
+def amount(value: float, unit: str, target: float = float("nan"), digits: int = 3) -> str:
+    """So many digits, or as many as show on which side of a target it is, and the unit."""
+    return f"{value:.{telling(value, target, digits)}g} {unit}".rstrip()
 
 
 def telling(value: float, target: float, digits: int) -> int:
@@ -346,7 +346,8 @@ def decide(rule: StopRule, look: Look, confirmation: Agreement | None = None, un
     checks = [_interval_check(rule, width, unit)]
     if np.isfinite(rule.loss):
         limit = f"at most {rule.loss:g} {unit}".rstrip()
-        text = f"The settings are expected to lose {amount(look.loss, unit, rule.loss)}; {limit} is allowed."
+        lost = amount(look.loss, unit, rule.loss, 2)  # as everywhere else
+        text = f"The settings are expected to lose {lost}; {limit} is allowed."
         checks.append(Check("loss", look.loss <= rule.loss, text))
     if rule.guard == "runs":
         needed = rule.min_runs(n_terms)

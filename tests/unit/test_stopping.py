@@ -148,6 +148,7 @@ def test_runs_needed_respects_the_guard() -> None:
 def test_a_loss_above_its_limit_goes_on_for_as_many_runs_as_it_is_too_large() -> None:
     rule = replace(RULE, loss=0.5)
     assert look(rule, loss=0.5).held
+    assert "The settings are expected to lose 0.12; at most 0.5 is allowed." in look(rule, loss=0.1234).reasons
     decision = look(rule, loss=0.8, unit="percent")
     assert [check.name for check in decision.checks if not check.holds] == ["loss"]
     assert decision.reasons[0] == "The settings are expected to lose 0.8 percent; at most 0.5 percent is allowed."

@@ -78,7 +78,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look], stop: StopSpec) -> Ta
                 whole_cell(look.n_runs),
                 number_cell(width, look.half_width),
                 decimal_cell(look.mean, score_decimals(analysis)),
-                number_cell(format_against(look.loss, limit, 3) if math.isfinite(look.loss) else "", look.loss),
+                number_cell(format_against(look.loss, limit, 2) if math.isfinite(look.loss) else "", look.loss),
                 *(told.get(f.name, "") for f in factors),
                 "yes" if look.held else "no",
             )
