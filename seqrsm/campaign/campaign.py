@@ -22,7 +22,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import coded_settings, evidence, n_determined, n_fitted, see_names
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.campaign.guards import see_meaning, see_units
-from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch
+from seqrsm.campaign.next_runs import confirmation_batch, in_random_order, next_batch, start_batch, to_confirm
 from seqrsm.campaign.status import sensor_warnings
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.files import see_free
@@ -225,8 +225,8 @@ class Campaign:
         analyses = analyses or self._looked(made, left)
         own = self.spec.own_source if source == "best" else source  # of runs that are not chosen between sources
         waiting = any(run.purpose == CONFIRMATION and run.state in WAITING for run in made)
-        if not waiting and any(one.decision.wants_confirmation for one in analyses):
-            fresh = confirmation_batch(self.spec, analyses, own)
+        if not waiting and (due := to_confirm(analyses, left)):
+            fresh = confirmation_batch(self.spec, due, own)
             ids = self.store.add_batch(fresh)  # beyond the budget
         elif left <= 0:
             spent = Problem(f"the budget of {budget} runs is spent", "Raise [stop] max_runs.")

@@ -17,7 +17,7 @@ from seqrsm.analysis.runs import n_fitted
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_failed, silent
 from seqrsm.campaign.grounds import Grounds
-from seqrsm.campaign.next_runs import confirmation_batch, start_size
+from seqrsm.campaign.next_runs import confirmation_batch, start_size, to_confirm
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.errors import OvertakenError, StoreError, UserError
@@ -151,8 +151,8 @@ class _ClosedLoop:
             if left <= 0 or not any(analysis.contradicted for analysis in analyses):
                 return "stop", analyses
             self.say("the confirmation runs contradict the model; continuing")
-        if any(analysis.decision.wants_confirmation for analysis in analyses):
-            self._add_confirmation(analyses)
+        if due := to_confirm(analyses, left):
+            self._add_confirmation(due)
             return None
         if left <= 0:
             return "budget spent", analyses

@@ -105,6 +105,15 @@ def start_batch(
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
 
 
+def to_confirm(analyses: Sequence[Analysis], left: int) -> list[Analysis]:
+    """Those whose confirmation runs are due: nothing else is missing for any application, or no budget is left for it.
+
+    Runs made afterwards for another application would take them into the fit, and they would have to be made again.
+    """
+    wanted = [one for one in analyses if one.decision.wants_confirmation]
+    return wanted if left <= 0 or all(one.decision.held or one.decision.wants_confirmation for one in analyses) else []
+
+
 def confirmation_batch(spec: CampaignSpec, analyses: Sequence[Analysis], source: str) -> list[NewRun]:
     """Fresh runs at the recommended settings; several applications each get their own, those that have some none."""
     return [

@@ -66,3 +66,23 @@ def test_confirmation_flights_are_issued_and_decide(campaign: Path, away: float,
     (known,) = status["applications"]
     assert known["last_look"]["reasons"] == after["stop"]["reasons"]
     assert seqrsm("propose", campaign).exit_code == 2
+
+
+@pytest.mark.parametrize(("budget", "confirmation"), [(40, 0), (24, 3)])
+def test_confirmation_waits_for_what_another_application_lacks(tmp_path: Path, budget: int, confirmation: int) -> None:
+    """The flights of the other would enter the fit with those that follow; without a budget none follow."""
+    rows = [
+        {"x": row["x"], "score": row["score"], "application": name} for row in quadratic() for name in ("done", "wide")
+    ]
+    uses = (
+        '[[application]]\nname = "done"\nutility = "measured"\n'
+        '[[application]]\nname = "wide"\nutility = "measured"\nhalf_width = 0.1\n'
+    )
+    folder = make(tmp_path / "c", X, rows, application=uses)
+    file, guard = folder / "campaign.toml", GUARD.replace("max_runs = 24", f"max_runs = {budget}")
+    file.write_text(file.read_text(encoding="utf-8").replace("half_width = 3.0", "half_width = 9.0") + guard)
+    runs = document("propose", folder, "-n", 2)
+    confirming = [run["why"] for run in runs if run["purpose"] == "confirmation"]
+    assert len(confirming) == confirmation
+    assert len(runs) == (confirmation or 2)
+    assert all("done" in why for why in confirming)
