@@ -40,17 +40,24 @@ levels = ["L", "C", "L+C"]
 BANDS = np.array([0.0, -3.0, 5.0])
 
 
-def analysis(place, more="", order=1):
+PRIOR = "[application.prior]\nutility = [0.0, 30.0]\neffect = { dates = [-inf, 0.0] }\n"
+"""Scores and the effect of dates are otherwise."""
+
+
+def analysis(place, more="", order=1, prior=""):
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.choice([-1.0, -1.0 / 3.0, 1.0], 36), rng.uniform(-1.0, 1.0, 36), np.arange(36) % 3])
     dates = 2.5 + 1.5 * points[:, 0]
     scores = 50.0 + 4.0 * dates + 1.5 * points[:, 1] + BANDS[points[:, 2].astype(int)] + rng.normal(scale=2.0, size=36)
-    text = specification(FACTORS + more, rest=f"[model]\norder = {order}\n")
+    text = specification(FACTORS + more, application=prior, rest=f"[model]\norder = {order}\n")
     return campaign(place / "c", text, points, scores).analyse_all(n_draws=4000, thorough=True)[0]
 
 
-def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
-    found = analysis(tmp_path)
+@pytest.mark.parametrize("prior", ["", PRIOR])
+def test_steps_are_the_t_intervals_of_differences(prior, tmp_path) -> None:
+    """By the scores alone, as the recommended settings are, whatever prior is stated."""
+    found = analysis(tmp_path, prior=prior)
+    assert bool(found.posterior.effects) == bool(prior)
     fit, model, region = found.fit, found.model, found.region
     assert [(s.factor, s.level, s.over) for s in found.steps] == [
         ("dates", 2.0, 1.0), ("dates", 4.0, 2.0), ("bands", "L", "L+C"), ("bands", "C", "L+C"),
