@@ -31,6 +31,7 @@ from seqrsm.fit.intervals import Interval
 
 MOST = 60  # times the draws wanted, before rejection gives up
 _MOST_SECANTS = 100
+_SWEEPS = 50
 _FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in standard deviations
 
 
@@ -227,6 +228,41 @@ class ConjugatePosterior:
         sigma = np.sqrt(self.b / rng.standard_gamma(self.a, size=n))
         normal = rng.standard_normal((n, self.factor.shape[1]))
         return self.mean + sigma[:, None] * (normal @ self.factor.T), sigma
+
+    def draws_inside(self, bounds: LinearBounds, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draws (n, p) and (n,) that hold the bounds, however improbable these are.
+
+        Each bounded combination in turn is drawn from its Student distribution given the others, cut off (Geweke 1991,
+        Computing Science and Statistics 23, 571-578): one is drawn exactly, several in `_SWEEPS` turns from the point
+        of the bounds that is nearest. What is not bounded is drawn given these.
+        """
+        rows, offset, count = bounds.rows @ self.factor, bounds.rows @ self.mean, len(bounds.low)
+        precision = np.linalg.inv(rows @ rows.T)
+        low, high = bounds.low - offset, bounds.high - offset
+        off, df = np.tile(np.clip(0.0, low, high), (n, 1)), 2.0 * self.a + count - 1.0
+        for j in np.tile(np.arange(count), _SWEEPS if count > 1 else 1):
+            off[:, j] = 0.0
+            along, square = off @ precision[j], np.sum((off @ precision) * off, axis=1)
+            centre = -along / precision[j, j]
+            scale = np.sqrt((2.0 * self.b + square - along**2 / precision[j, j]) / (df * precision[j, j]))
+            off[:, j] = centre + scale * _student_within(df, (low[j] - centre) / scale, (high[j] - centre) / scale, rng)
+        square = np.sum((off @ precision) * off, axis=1)
+        sigma = np.sqrt((self.b + 0.5 * square) / rng.standard_gamma(self.a + 0.5 * count, size=n))
+        normal = sigma[:, None] * rng.standard_normal((n, self.factor.shape[1]))
+        normal += (off - normal @ rows.T) @ precision @ rows
+        return self.mean + normal @ self.factor.T, sigma
+
+
+def _student_within(df: float, low: FloatArray, high: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draws (n,) of Student's distribution cut off at ``low`` and ``high`` (n,), by its inverse in the lower tail.
+
+    Bounds too far off for its tail to be a number are met where it ends.
+    """
+    sign = np.where(low > 0.0, -1.0, 1.0)  # small probabilities are known to more digits than those near 1
+    low, high = np.where(sign > 0.0, low, -high), np.where(sign > 0.0, high, -low)
+    below = stdtr(df, low)
+    share = below + rng.random(len(low)) * (stdtr(df, high) - below)
+    return np.asarray(sign * np.clip(stdtrit(df, np.maximum(share, 1e-300)), low, high))
 
 
 def posterior(

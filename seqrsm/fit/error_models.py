@@ -225,10 +225,10 @@ class Additive(ErrorModel):
             chain = sample(target(inner), seed)
         except ConvergenceError:
             found = self.independent(runs, inner, n, rng)
-            if found is None or (self.exact and not enough(len(found[0][1]), n)):
+            if found is None:
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
-            how = "exactly" if self.exact else "by Gibbs sampling"
+            how = "exactly" if found[1]["method"] == "exact" else "by Gibbs sampling"
             return _of_terms(runs, *found, f"{how} because emcee did not converge")
         keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
@@ -261,10 +261,14 @@ class Normal(Additive):
     def independent(
         self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
     ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
-        """Independent draws of the exact posterior."""
-        draw = partial(posterior(runs.Z, runs.y, runs.weights, runs.prior).draws, rng=rng)
-        found, share = within(draw, bounds, n)
-        return found, {"method": "exact", "draws": len(found[1])}, share
+        """Draws of the exact posterior: independent ones, or by Gibbs sampling where hardly any hold several bounds."""
+        exact = posterior(runs.Z, runs.y, runs.weights, runs.prior)
+        found, share = within(partial(exact.draws, rng=rng), bounds, n)
+        method = "exact"
+        if bounds is not None and exact.b > 0.0 and not enough(len(found[1]), n):
+            found = exact.draws_inside(bounds, n, rng)
+            method = "exact" if len(bounds.low) == 1 else "gibbs"
+        return found, {"method": method, "draws": len(found[1])}, share
 
     def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         """Standard normal errors."""

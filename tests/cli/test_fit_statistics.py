@@ -410,9 +410,11 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
 def test_contradicted_bounds_of_effects(tmp_path: Path) -> None:
     rows = [{"x": row["x"], "score": row["score"]} for row in weak_slope(14, 3.0, 2)]
     folder = make(tmp_path / "c", X, rows, LINE, MEASURED + EFFECT.format("-inf, 0.0"))
-    (analysis,) = Campaign.open(folder).analyse_all()
-    assert analysis.posterior.sampler["method"] == "emcee"  # no exact draw holds it: the ensemble works inside
-    assert analysis.posterior.term_draws[:, 1].max() <= 0.0
+    for sampler in ("exact", "emcee"):
+        (analysis,) = Campaign.open(folder).analyse_all(sampler=sampler)
+        assert analysis.posterior.sampler["method"] == sampler
+        assert len(analysis.posterior.term_draws) == 4000
+        assert analysis.posterior.term_draws[:, 1].max() <= 0.0
     blocked = [{**row, "block": f"d{i % 4}"} for i, row in enumerate(rows)]
     model = LINE + 'block = "block"\nblock_effect = "random"\n'
     folder = make(tmp_path / "b", X, blocked, model, MEASURED + EFFECT.format("-inf, 0.0"))

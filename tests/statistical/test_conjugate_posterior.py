@@ -9,7 +9,14 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import FitError
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior, weakly_informative
+from seqrsm.fit.conjugate import (
+    ConjugatePosterior,
+    Flat,
+    LinearBounds,
+    NormalInverseGamma,
+    posterior,
+    weakly_informative,
+)
 from seqrsm.fit.least_squares import fit_least_squares
 
 KINDS = ["intercept", "linear", "linear", "interaction", "square", "square"]
@@ -159,3 +166,55 @@ def test_simulation_based_calibration() -> None:
     # Controls: intervals a quarter too narrow, or sigma with two degrees of freedom too many, must be seen.
     assert min(stats.kstest(column, stats.t(df, scale=0.75).cdf).pvalue for column in t.T) < 1e-3
     assert stats.kstest(precision, stats.gamma(df / 2 + 1).cdf).pvalue < 1e-3
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_draws_inside_bounds_are_those_that_hold_them(count: int) -> None:
+    """Bounds that three draws of a hundred hold: rejection, the definition, beside draws that need none."""
+    found = posterior(*problem(9), Flat())
+    rows = np.array([[0.0, 1.0, 0.3, 0.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0, 0.5, 0.0]])[:count]
+    middle, sd = rows @ found.mean, np.sqrt(found.variance_unscaled(rows)) * found.scale
+    bounds = LinearBounds(
+        rows, np.array([-np.inf, -1.0])[:count] * sd + middle, middle - np.array([2.2, 0.3])[:count] * sd
+    )
+    beta, sigma = found.draws(400_000, np.random.default_rng(1))
+    held = bounds.hold(beta)
+    inside = found.draws_inside(bounds, 8000, np.random.default_rng(2))
+    assert bounds.hold(inside[0]).all()
+    for theirs, ours in zip((*beta[held].T, sigma[held]), (*inside[0].T, inside[1]), strict=True):
+        assert stats.ks_2samp(theirs, ours).pvalue > 1e-4
+    wrong = found.draws(8000, np.random.default_rng(3))  # the control
+    assert stats.ks_2samp(sigma[held], wrong[1]).pvalue < 1e-6
+
+
+def test_draws_inside_two_bounds_that_no_draw_holds() -> None:
+    """Margins of a correlated pair far out in its tail, by quadrature of the density."""
+    found = posterior(*problem(12), Flat())
+    rows = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.8, -1.0, 0.0, 0.0, 0.0]])
+    high = np.array([-1.0, 0.5])
+    inside = (
+        found.draws_inside(LinearBounds(rows, np.full(2, -np.inf), high), 20_000, np.random.default_rng(1))[0] @ rows.T
+    )
+    covariance = found.scale**2 * rows @ found.factor @ found.factor.T @ rows.T
+    grid = [end - np.geomspace(1e-5, 1e4, 1500) for end in high]
+    density = stats.multivariate_t(rows @ found.mean, covariance, df=found.df).pdf(
+        np.stack(np.meshgrid(*grid, indexing="ij"), -1)
+    )
+    density *= np.abs(np.gradient(grid[0]))[:, None] * np.abs(np.gradient(grid[1]))
+    assert density.sum() < 1e-4
+    for axis in (0, 1):
+        below = 1.0 - np.cumsum(density.sum(axis=1 - axis)) / density.sum()
+        shares = np.interp(inside[:, axis], grid[axis][::-1], below[::-1])
+        assert stats.kstest(shares, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("df", [3, 400])
+def test_draws_inside_a_bound_a_thousand_standard_errors_off(df: int) -> None:
+    """Of many scores the tail is smaller than numbers are: the draws lie at the bound, on its side."""
+    found = ConjugatePosterior(np.array([5.0, 1000.0]), np.eye(2), 0.5 * df, 0.5 * df)
+    for low, high in ((-np.inf, 0.0), (2000.0, np.inf), (-1.0, 0.0)):
+        bounds = LinearBounds(np.array([[0.0, 1.0]]), np.array([low]), np.array([high]))
+        beta, sigma = found.draws_inside(bounds, 500, np.random.default_rng(1))
+        assert low - 1e-9 <= beta[:, 1].min() <= beta[:, 1].max() <= high + 1e-9  # to rounding
+        assert np.isfinite(beta).all()
+        assert np.isfinite(sigma).all()

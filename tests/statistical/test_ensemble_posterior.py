@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import emcee
@@ -13,7 +14,7 @@ from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.ensemble import Sampled
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
@@ -201,6 +202,20 @@ def test_not_converged_says_how_far_it_came() -> None:
     Z, y, w = problem()
     with pytest.raises(ConvergenceError, match=r"120 .*autocorrelation time"):
         sample_posterior(Z, y, w, errors=StudentT(), seed=1, max_steps=120, min_ess=1e9)
+
+
+def test_a_chain_that_would_need_too_many_steps_ends_at_the_first_look_that_says_so() -> None:
+    """Nearly as many terms as scores, which contradict a bound: 50 000 steps took half a minute, and were too few."""
+    rng = np.random.default_rng(1)
+    X = rng.uniform(-1.0, 1.0, (12, 3))
+    products = [X[:, i] * X[:, j] for i in range(3) for j in range(i, 3)]
+    Z = np.column_stack([np.ones(12), X, *products])
+    y = Z[:, 1] + 1e-4 * rng.normal(size=12)
+    bounds = LinearBounds(np.eye(10)[[1]], np.array([-np.inf]), np.array([0.0]))
+    with pytest.raises(ConvergenceError) as told:
+        sample_posterior(Z, y, np.ones(12), bounds=bounds, seed=1, max_steps=20_000)
+    steps = int(re.search(r"after (\d+) of at most 20000 steps", str(told.value))[1])
+    assert steps <= 6000
 
 
 def test_many_coefficients_leave_room_for_the_steps_that_the_rule_asks_for(monkeypatch) -> None:

@@ -39,7 +39,7 @@ PRIOR = CoefficientPrior(np.zeros(2), np.diag(SD**-2.0))
 CONJUGATE = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
 DAY = np.arange(12) // 3
 # A light effort for each of thousands of fits.
-ensemble.MIN_ESS, ensemble.MAX_SECONDS = 400.0, 20.0
+ensemble.MIN_ESS = 400.0
 ensemble.WALKERS, ensemble.ENSEMBLES = 32, 2
 
 
