@@ -35,6 +35,8 @@ from seqrsm.spec.tables import ApplicationSpec
 
 STATED = "a prior is given for the quadratic"
 """Why no process is weighed."""
+FAR = "at the quadratic's optimum, far from the runs, its mean has a standard error of over two runs' scatter"
+"""Why a process is believed alone, whatever the scores favour."""
 PRIOR_LOG_ODDS = 0.0
 """Of the process against the quadratic, before the scores: even odds."""
 
@@ -42,6 +44,9 @@ _CERTAIN = 0.01  # a process less probable is left out
 _LEAST_DF = 4
 """With fewer residual degrees of freedom the quadratic is believed as the process's trend alone, its coefficients
 shrunk: by least squares through nearly every score, their mean may be told at twice the best of them."""
+_FAR = 4.0
+"""Variance of the quadratic's mean at its own optimum, over that of a run, above which the same holds: of runs that lie
+close together least squares were as wild, and told means of ten times the best score."""
 _DRAWS, _TINY = 4000, 1e-300
 _PAIRS, _OF_SCATTER, _OF_LARGEST = 32, 0.5, 0.1  # of `Fitted.acting_terms`
 _MOST_RUNS = 100  # drawn of a mean of future runs
@@ -68,7 +73,8 @@ class Departure:
     @property
     def favoured(self) -> bool:
         """The scores favour it over the quadratic."""
-        return self.probability > 0.5 and not self.reason
+        by_scores = self.log_bayes_factor + PRIOR_LOG_ODDS > 0.0 if self.reason == FAR else not self.reason
+        return bool(self.probability > 0.5 and by_scores)
 
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
@@ -156,6 +162,16 @@ class Fitted:
         if self.scale.kind != "identity" or not (self.surface.errors.exact and s > 0.0 and variance > 0.0):
             return 1.0
         return float(variance / self.departure.sd_of_run(s, self.surface.errors) ** 2)
+
+    def without_far(self, of_quadratic: Optimum) -> Fitted:
+        """The same, or with the process alone where the quadratic's optimum is far from all runs: see `_FAR`."""
+        departure, at = self.departure, self.surface.rows(of_quadratic.point[None, :])
+        if departure.process is None or departure.reason or self.surface.variance_unscaled(at)[0] <= _FAR:
+            return self
+        reason = (
+            "at the quadratic's optimum, far from the runs, its mean has a standard error of over two runs' scatter"
+        )
+        return replace(self, departure=replace(departure, probability=1.0, reason=reason))
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""

@@ -114,6 +114,7 @@ def analyse(
     fitted = fit_application(spec, application, runs, ground)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     of_quadratic = optimum(model, region, beta, fitted.goal)
+    fitted = fitted.without_far(of_quadratic)
     draws = looked = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
     if (sampler, n_draws) != ("exact", LOOK_DRAWS):  # the rule is told by the draws of a look, or two would be
         looked = draw_coefficients(spec, fitted, sampler="exact", n_draws=LOOK_DRAWS)

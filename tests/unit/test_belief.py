@@ -53,7 +53,7 @@ def test_a_stationary_point_that_nothing_determines_has_no_number(narrow: Analys
 
 def believed(analysis: Analysis, probability: float) -> Fitted:
     belief = analysis.fitted
-    return replace(belief, departure=replace(belief.departure, probability=probability))
+    return replace(belief, departure=replace(belief.departure, probability=probability, reason=""))
 
 
 def ends(found: Prediction) -> np.ndarray:
@@ -115,9 +115,10 @@ def test_process_and_quadratic_have_even_odds_before_the_scores(tmp_path: Path) 
 
 @pytest.mark.parametrize(("n", "alone"), [(10, True), (11, True), (13, True), (14, False)])
 def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_alone(
-    tmp_path: Path, n: int, alone: bool
+    tmp_path: Path, n: int, alone: bool, monkeypatch
 ) -> None:
     """Of 11 scores of 67 to 76 the mean was told as 170 (59 to 603), of 10 as 151, without an interval."""
+    monkeypatch.setattr(belief_module, "_FAR", np.inf)
     rng = np.random.default_rng(2)
     points = rng.uniform(-1.0, 1.0, (n, 3)).round(3)
     made = campaign(tmp_path / "c", specification(numeric(3)), points, 71.0 + 2.0 * rng.standard_normal(n))
@@ -136,6 +137,27 @@ def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_a
         assert "alone gives settings and intervals" in paragraph.text
         assert "another surface" not in check_campaign(tmp_path / "c").surfaces
         assert "spread" in {run.purpose for run in made.decide(4, analyses=[analysis])}  # as where neither is certain
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5, 6])
+def test_far_from_runs_that_lie_together_least_squares_are_not_believed(tmp_path: Path, seed: int) -> None:
+    """Of 18 scores up to 92 the mean was told as 98 to 222 (-36 to 855) at settings that lose 24 to 44 points."""
+    rng = np.random.default_rng(seed)
+    points = np.clip(rng.uniform(-0.5, 0.5, 3) + 0.15 * rng.standard_normal((18, 3)), -1.0, 1.0).round(3)
+
+    def truth(at: np.ndarray) -> np.ndarray:
+        return 90.0 - 10.0 * np.sum((at - [0.4, -0.3, 0.0]) ** 2, axis=1)
+
+    scores = truth(points) + 2.0 * rng.standard_normal(18)
+    found = analysed(tmp_path / "c", specification(numeric(3)), points, scores)
+    best, departure, here = found.optimum, found.fitted.departure, truth(found.optimum.point[None, :])[0]
+    assert here > truth(points)[np.argmax(scores)] - 6.0
+    assert best.confidence.low < here < best.confidence.high < best.confidence.low + 45.0
+    assert departure.probability == 1.0
+    assert departure.favoured == (departure.log_bayes_factor > 0.0)
+    (paragraph,) = [block for block in _departure(found) if isinstance(block, Paragraph)]
+    assert "alone gives settings and intervals" in paragraph.text
+    assert "far from the runs" in paragraph.text
 
 
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
