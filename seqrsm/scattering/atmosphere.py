@@ -52,14 +52,9 @@ class Atmosphere:
     notes: tuple[str, ...]
 
     def transmission(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
-        """1 / L of the loss factor L >= 1 between the ground and an antenna.
+        """1 / L of the loss factor L >= 1 between the ground and an antenna so high above it [m].
 
-        Parameters
-        ----------
-        theta : float array
-            Angle of the path from the vertical [rad].
-        height_m : float
-            Of the antenna above the ground [m].
+        ``theta``: angle of the path from the vertical [rad].
         """
         return np.asarray(np.exp(-float(self._below(height_m).sum()) * _secant(theta)))
 
@@ -71,13 +66,7 @@ class Atmosphere:
         return np.asarray(out.reshape(np.shape(theta)))
 
     def sky_k(self, theta: ArrayLike) -> FloatArray:
-        """Radiation of air and space that reaches the ground, T_r of eq. (3-35) [K].
-
-        Parameters
-        ----------
-        theta : float array
-            Angle from the zenith [rad].
-        """
+        """Radiation of air and space that reaches the ground at zenith angles [rad], T_r of eq. (3-35) [K]."""
         depth = self.depth_np[:, None] * _secant(theta).ravel()
         below = np.cumsum(depth, axis=0) - depth
         air = (-np.expm1(-depth) * np.exp(-below) * self.temperature_k[:, None]).sum(axis=0)
@@ -104,22 +93,11 @@ def make_atmosphere(
     rain_mm_h: float = 5.0,
     planck_offset_k: float = 0.0,
 ) -> Atmosphere:
-    """Atmosphere at a frequency.
+    """Atmosphere at a frequency within the table of nodes, 0.4 to 170 GHz; "none" leaves only space.
 
-    Parameters
-    ----------
-    frequency_ghz : float
-        Within the table of nodes, 0.4 to 170 [GHz].
-    atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
-        "none" leaves only space.
-    weather : {"clear", "cloud", "rain"}
-        Cloud: a slab of water from 1 to 2 km. Rain: that cloud, and drops from the ground to 3 km. Both assumed.
-    cloud_kg_m2 : float
-        Liquid water of the cloud, >= 0 [kg/m2].
-    rain_mm_h : float
-        Rain rate, >= 0 [mm/h].
-    planck_offset_k : float
-        h f / k [K] to count radiation by Planck's law, 0 for Rayleigh-Jeans.
+    ``weather`` "cloud" is a slab of water from 1 to 2 km; "rain" is that cloud, and drops from the ground to 3 km. Both
+    are assumed; liquid water [kg/m2] and rain rate [mm/h] are >= 0. ``planck_offset_k``: h f / k [K] to count radiation
+    by Planck's law, 0 for Rayleigh-Jeans.
     """
     space = float(radiation_equivalent_k(COSMIC_BACKGROUND_K, planck_offset_k))
     if atmosphere == "none":
@@ -149,14 +127,9 @@ def make_atmosphere(
 
 
 def radiation_equivalent_k(temperature_k: ArrayLike, planck_offset_k: float) -> FloatArray:
-    """Radiation of a black body in kelvin by Planck's law: x / (exp(x / T) - 1) with x = h f / k [K].
+    """Radiation of a black body at T > 0 [K] by Planck's law, x / (exp(x / T) - 1) with x = h f / k [K].
 
-    Parameters
-    ----------
-    temperature_k : float array
-        T > 0 [K].
-    planck_offset_k : float
-        x; 0 gives T itself, the law of Rayleigh and Jeans (eq. 3-32).
+    0 for x gives T itself, the law of Rayleigh and Jeans (eq. 3-32).
     """
     temperature = np.asarray(temperature_k, dtype=np.float64)
     if planck_offset_k == 0.0:
@@ -189,13 +162,9 @@ def cloud_db_per_kg_m2(frequency_ghz: float) -> float:
 
 
 def rain_db_km(frequency_ghz: float, rain_mm_h: float) -> float:
-    """Specific loss of rain [dB/km]: k R**alpha, ITU-R P.838-3, mean of H and V; the value at 1 GHz holds below it.
+    """Specific loss of rain of a rate >= 0 [mm/h]: k R**alpha [dB/km], ITU-R P.838-3, mean of H and V.
 
-    Parameters
-    ----------
-    frequency_ghz : float
-    rain_mm_h : float
-        Rain rate [mm/h], >= 0.
+    The value at 1 GHz holds below it.
     """
     x = math.log10(max(frequency_ghz, 1.0))
     values = [10.0 ** _regression(x, "k", p) * rain_mm_h ** _regression(x, "alpha", p) for p in ("H", "V")]

@@ -109,16 +109,9 @@ class Course:
 
 
 def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
-    """Values on days of what is given on `DAYS` (..., 365); straight lines between, one year as the next.
+    """Values (...) or (..., n) on a day or days (n,) of what is given on `DAYS` (..., 365).
 
-    Parameters
-    ----------
-    year : float64 array (..., 365)
-    day : float or float64 array (n,)
-
-    Returns
-    -------
-    float64 array (...) or (..., n)
+    Straight lines between, one year as the next.
     """
     within = np.remainder(day, DAYS.size)
     before = np.floor(within).astype(np.intp)  # day 0 is the last of the year before

@@ -66,16 +66,9 @@ def coherence(
 ) -> Coherence:
     """Relation of HH and VV of covers, of the table or as a world has it; an unknown cover has that of most others.
 
-    Parameters
-    ----------
-    categories : sequence of str
-    frequency_ghz : float
-        Above 0 [GHz]; between nodes linear over its logarithm, held beyond.
-    world : World, optional
-    closed : float64 array (n_categories,) or float
-        Share of the ground that a cover hides, 0 to 1; the rest is bare soil.
-    own : Mapping
-        Nodes of covers in a user's table, frequency rising, in place of the shipped ones.
+    Between nodes it is linear over the logarithm of frequency, held beyond. ``closed``, (n_categories,) or one: share
+    of the ground that a cover hides, 0 to 1; the rest is bare soil. ``own``: nodes of covers in a user's table,
+    frequency rising, in place of the shipped ones.
     """
     mean, sd, status, notes = np.empty(len(categories), complex), np.empty(len(categories)), [], []
     for k, name in enumerate(categories):
@@ -113,20 +106,10 @@ def limited(relation: AnyArray) -> AnyArray:
 def by_angle(relation: AnyArray, cross_over_co: AnyArray, theta_deg: FloatArray | float) -> AnyArray:
     """How HH and VV of covers are related at incidence angles, from their relation at 40 degrees and more.
 
-    Ground that is the same from all sides has at nadir one less twice the power of HV over that of HH (Nghiem et al.
-    1992, Radio Science 27(2), 111-131); between, straight lines over the square of the sine (assumed).
-
-    Parameters
-    ----------
-    relation : complex array (n_categories,)
-    cross_over_co : float64 array (n_categories,)
-        Power of HV over that of HH at nadir [1].
-    theta_deg : float64 array (n,) or float
-        Incidence angles [deg].
-
-    Returns
-    -------
-    complex array (n_categories, n), or (n_categories, 1)
+    Complex (n_categories, n) at angles (n,) [deg], or (n_categories, 1) at one. Ground that is the same from all sides
+    has at nadir one less twice the power of HV over that of HH (Nghiem et al. 1992, Radio Science 27(2), 111-131), of
+    which ``cross_over_co`` (n_categories,) is the ratio there [1]; between, straight lines over the square of the sine
+    (assumed).
     """
     apart = co_apart(theta_deg)
     return np.asarray(apart * relation[:, None] + (1.0 - apart) * limited(1.0 - 2.0 * cross_over_co)[:, None])

@@ -50,7 +50,8 @@ _OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 
 MOISTURE_FELT: Final = (0.04, 0.45)
 """Volumetric moisture of bare soil beyond which nothing changes (assumed) [m3/m3]."""
 _BAGHDADI16_THETA_DEG = (18.0, 57.0)
-_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
+MODEL_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))
+"""Angles at which models are asked [rad]; beyond 75 degrees constant gamma takes over."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,23 +100,12 @@ _STEEP_SHARE = co_apart(THETA_DEG[: _STEEP_DEG + 1], _STEEP_DEG)
 
 
 def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
-    """Backscatter with its behaviour at the ends of the angle range settled.
+    """Backscatter (..., 3, 91) [dB] at HH, HV, VV against `THETA_DEG`, with both ends of the angles settled.
 
     No ground that is the same from all sides tells HH from VV at nadir: they keep their mean from 20 degrees down, and
-    their difference falls with the square of the sine.
-
-    Parameters
-    ----------
-    value_db : float64 array (..., 3, 91)
-        sigma0 [dB] at HH, HV, VV against `THETA_DEG`.
-    surface, water : bool
-        See `Curve`.
-
-    Returns
-    -------
-    float64 array (..., 3, 91)
-        Capped near nadir (+20 dB water, +12 dB land, HV -3 dB), continued from 75 degrees on as constant gamma, HV of a
-        surface at least 3 dB below HH and VV, and never below -60 dB. A nan channel stays nan.
+    their difference falls with the square of the sine. It is capped near nadir (+20 dB water, +12 dB land, HV -3 dB),
+    continued from 75 degrees on as constant gamma, HV of a surface at least 3 dB below HH and VV, and never below -60
+    dB. A nan channel stays nan. ``surface`` and ``water``: see `Curve`.
     """
     value = np.array(value_db)
     co = value[..., [0, 2], : _STEEP_DEG + 1]
@@ -268,7 +258,7 @@ def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
         frequency, channel = float(r.text("frequency_ghz")), r.text("polarization")
         n, p = nodes.index(frequency), POLARIZATIONS.index(channel)
         parameters = [float(r.text(f"p{i}")) for i in range(1, 7)]
-        value[n, p] = backscatter_ulaby89_db(parameters, _THETA)
+        value[n, p] = backscatter_ulaby89_db(parameters, MODEL_THETA)
         own = [x for x in levels if _holds(x, frequency, channel)]
         status[n][p] = weakest([row.text("status"), r.text("status"), *(x.text("status") for x in own)])
         if own:
@@ -321,7 +311,7 @@ def _ground_curve(row: Row, own: _Parameters) -> Curve:
     """Rough ground by Oh 1992."""
     permittivity = complex(own.get("permittivity_real"), own.get("permittivity_imaginary"))
     least = own.get("least_ks")
-    value = [_db(backscatter_oh92(permittivity, max(_ks(f, own), least), _THETA)) for f in _MODEL_NODES_GHZ]
+    value = [_db(backscatter_oh92(permittivity, max(_ks(f, own), least), MODEL_THETA)) for f in _MODEL_NODES_GHZ]
     return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, notes=(own.note(),), rows=own.rows)
 
 
@@ -354,11 +344,11 @@ def _forest_curve(row: Row, own: _Parameters) -> Curve:
     value = []
     for frequency in _MODEL_NODES_GHZ:
         permittivity = complex(permittivity_soil(frequency, moisture))
-        reflectivity = reflectivity_fresnel(permittivity, _THETA)
-        ground = backscatter_oh04(moisture, _ks(frequency, own), _THETA)
+        reflectivity = reflectivity_fresnel(permittivity, MODEL_THETA)
+        ground = backscatter_oh04(moisture, _ks(frequency, own), MODEL_THETA)
         layer = own.get("albedo", frequency), own.get("optical_depth", frequency)
-        hh = backscatter_layer_ulaby14(ground.hh, reflectivity.h, *layer, _THETA)
-        vv = backscatter_layer_ulaby14(ground.vv, reflectivity.v, *layer, _THETA)
+        hh = backscatter_layer_ulaby14(ground.hh, reflectivity.h, *layer, MODEL_THETA)
+        vv = backscatter_layer_ulaby14(ground.vv, reflectivity.v, *layer, MODEL_THETA)
         hv = hh * db_to_linear(own.get("cross_ratio_db", frequency, "HV"))
         value.append(_db(Backscatter(hh, hv, vv)))
     return _curve(row, _MODEL_NODES_GHZ, np.stack(value), notes=(own.note(),), rows=own.rows)
@@ -404,7 +394,7 @@ def _water_cross_db(wind_m_s: float) -> FloatArray:
 def _gamma_curve(row: Row, own: _Parameters) -> Curve:
     """Constant gamma: sigma0 = gamma cos theta."""
     gamma = np.array([[[own.get("gamma_db", f, channel)] for channel in POLARIZATIONS] for f in _MODEL_NODES_GHZ])
-    return _curve(row, _MODEL_NODES_GHZ, gamma + linear_to_db(np.cos(_THETA)), notes=(own.note(),), rows=own.rows)
+    return _curve(row, _MODEL_NODES_GHZ, gamma + linear_to_db(np.cos(MODEL_THETA)), notes=(own.note(),), rows=own.rows)
 
 
 def _ks(frequency_ghz: float, own: _Parameters) -> float:

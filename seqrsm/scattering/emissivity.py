@@ -204,19 +204,11 @@ class EmissivityTable:
     def lookup(
         self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, day: ArrayLike | None = None
     ) -> EmissivityLookup:
-        """Emissivity of ``categories`` for one channel.
+        """Emissivity of ``categories``, repeats allowed, for one channel.
 
-        Parameters
-        ----------
-        categories : sequence of str
-            Category names, repeats allowed.
-        frequency_ghz : float
-            0.3 to 170 [GHz], with wider errors above 40 and 100; a user's own categories at most a third of an octave
-            beyond their nodes.
-        polarization : {"H", "V"}
-        day : float or float array (n_categories,), or None
-            Day of the year, one as the next: the vegetation's optical depth goes with the water of its canopy; None:
-            the table's, which are taken for those of the growing season.
+        0.3 to 170 GHz, with wider errors above 40 and 100; a user's own categories at most a third of an octave beyond
+        their nodes. On a ``day`` of the year, or one for each category (n_categories,), the vegetation's optical depth
+        goes with the water of its canopy; None: the table's, which are taken for those of the growing season.
 
         Raises
         ------
@@ -332,24 +324,11 @@ def emissivity_mo82(
     theta: ArrayLike,
     polarization: str,
 ) -> FloatArray:
-    """Emissivity of vegetation over rough ground, both at one temperature (tau-omega).
+    """Emissivity of vegetation over rough ground, both at one temperature (tau-omega), at angles 0 to pi/2 [rad].
 
-    Parameters
-    ----------
-    permittivity : complex
-        Of the ground [1].
-    roughness : float array
-        h, >= 0: reflectivity x exp(-h).
-    tau, omega : float array
-        Optical depth of the vegetation at the vertical [Np] and its single-scattering albedo.
-    theta : float array
-        Look angle from the normal [rad], 0 to pi/2.
-    polarization : {"H", "V"}
-
-    Notes
-    -----
-    Mo, Choudhury, Schmugge, Wang and Jackson 1982, J. Geophys. Res. 87(C13):
-    e = (1 - R) g + (1 - omega)(1 - g)(1 + R g), g = exp(-tau / cos theta).
+    Of the ground, its permittivity, and ``roughness`` h >= 0: reflectivity x exp(-h). Of the vegetation, optical depth
+    ``tau`` at the vertical [Np] and single-scattering albedo ``omega``. Mo, Choudhury, Schmugge, Wang and Jackson 1982,
+    J. Geophys. Res. 87(C13): e = (1 - R) g + (1 - omega)(1 - g)(1 + R g), g = exp(-tau / cos theta).
     """
     theta = np.asarray(theta, dtype=np.float64)
     fresnel = reflectivity_fresnel(permittivity, theta)
@@ -362,17 +341,10 @@ def emissivity_mo82(
 def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     """The shipped table, or the shipped table with the categories of a user's file in place of its own.
 
-    Parameters
-    ----------
-    path : str or Path, optional
-        Long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
-        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean), in
-        emissivity at the lowest angle of the rows; elsewhere they go with the reflectivity 1 - e.
-
-    Raises
-    ------
-    ScatteringDataError
-        The file cannot be read or holds wrong rows: all of them, each with line and column.
+    ``path``: long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
+    ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean), in
+    emissivity at the lowest angle of the rows; elsewhere they go with the reflectivity 1 - e. ScatteringDataError tells
+    that it cannot be read, or all wrong rows, each with line and column.
     """
     shipped = _shipped_table()
     if path is None:

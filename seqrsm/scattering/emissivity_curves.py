@@ -34,21 +34,8 @@ class EmissivityCurve:
 def between_nodes(name: str, curve: EmissivityCurve, f: float, polarization: str, file: str) -> FloatArray:
     """A user's curve (91,) at a frequency: linear in the logarithm of frequency between nodes.
 
-    Parameters
-    ----------
-    name : str
-        Category, for messages.
-    curve : EmissivityCurve
-    f : float
-        Frequency [GHz], at most a third of an octave beyond the nodes, where the curve is held.
-    polarization : {"H", "V"}
-    file : str
-        For messages, or "".
-
-    Raises
-    ------
-    ScatteringDataError
-        No such polarization, or too far from the nodes.
+    At most a third of an octave beyond them, where it is held; ScatteringDataError says that it is further off, or that
+    there is no such polarization. ``name`` of the category and ``file``, or "", are for messages.
     """
     nodes = sorted(node for node, p in curve.value if p == polarization)
     if not nodes:
@@ -84,17 +71,8 @@ def read_curves(
 ) -> tuple[dict[str, EmissivityCurve], dict[str, float], dict[str, float]]:
     """Curves, field-to-field standard deviations and stated standard deviations of the mean, by category.
 
-    Parameters
-    ----------
-    path : str or Path
-        Long CSV; its columns are those of `seqrsm.scattering.longtable`.
-    printed : bool
-        True for the shipped transcription of Table 3.
-
-    Raises
-    ------
-    ScatteringDataError
-        Every wrong row, with its line and column.
+    Of a long CSV with the columns of `seqrsm.scattering.longtable`, ``printed`` for the shipped transcription of Table
+    3. ScatteringDataError tells every wrong row, with its line and column.
     """
     problems: list[Problem] = []
     groups: dict[str, dict[tuple[float, str], list[Node]]] = defaultdict(lambda: defaultdict(list))

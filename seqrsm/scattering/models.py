@@ -33,15 +33,7 @@ class Backscatter(NamedTuple):
 
 
 def reflectivity_fresnel(permittivity: ComplexLike, theta: ArrayLike) -> Reflectivity:
-    """Fresnel reflectivity of a smooth half space.
-
-    Parameters
-    ----------
-    permittivity : complex
-        Relative permittivity [1].
-    theta : float array
-        Incidence angle [rad], 0 to pi/2.
-    """
+    """Fresnel reflectivity of a smooth half space at angles of 0 to pi/2."""
     theta = np.asarray(theta, dtype=np.float64)
     cosine = np.cos(theta)
     root = np.sqrt(np.asarray(permittivity, dtype=np.complex128) - np.sin(theta) ** 2)
@@ -53,19 +45,9 @@ def reflectivity_fresnel(permittivity: ComplexLike, theta: ArrayLike) -> Reflect
 def backscatter_oh92(permittivity: ComplexLike, ks: ArrayLike, theta: ArrayLike) -> Backscatter:
     """Backscatter of a rough bare surface, first model of Oh, Sarabandi and Ulaby.
 
-    Parameters
-    ----------
-    permittivity : complex
-        Relative permittivity of the ground [1].
-    ks : float array
-        Wavenumber times root-mean-square height [1], 0.1 to 6; smaller values give a nearly dark surface.
-    theta : float array
-        Incidence angle [rad], 10 to 70 degrees.
-
-    Notes
-    -----
-    Oh, Sarabandi and Ulaby 1992, "An empirical model and an inversion technique for radar scattering from bare soil
-    surfaces", IEEE TGRS 30(2) (PRISM-1).
+    Wavenumber times root-mean-square height ``ks`` is 0.1 to 6, smaller values give a nearly dark surface; angles are
+    10 to 70 degrees. Oh, Sarabandi and Ulaby 1992, "An empirical model and an inversion technique for radar scattering
+    from bare soil surfaces", IEEE TGRS 30(2) (PRISM-1).
     """
     ks, theta = np.asarray(ks, dtype=np.float64), np.asarray(theta, dtype=np.float64)
     nadir = reflectivity_fresnel(permittivity, 0.0).h
@@ -80,19 +62,9 @@ def backscatter_oh92(permittivity: ComplexLike, ks: ArrayLike, theta: ArrayLike)
 def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Backscatter:
     """Backscatter of bare soil from its moisture and roughness, last model of Oh.
 
-    Parameters
-    ----------
-    moisture : float array
-        Volumetric soil moisture [m^3/m^3], 0.04 to 0.291.
-    ks : float array
-        Wavenumber times root-mean-square height [1], 0.13 to 6.98.
-    theta : float array
-        Incidence angle [rad], 10 to 70 degrees.
-
-    Notes
-    -----
-    Oh 2004, "Quantitative retrieval of soil moisture content and surface roughness from multipolarized radar
-    observations of bare soil surfaces", IEEE TGRS 42(3).
+    Volumetric moisture is 0.04 to 0.291 [m^3/m^3], wavenumber times root-mean-square height ``ks`` 0.13 to 6.98, angles
+    are 10 to 70 degrees. Oh 2004, "Quantitative retrieval of soil moisture content and surface roughness from
+    multipolarized radar observations of bare soil surfaces", IEEE TGRS 42(3).
     """
     mv, ks = np.asarray(moisture, dtype=np.float64), np.asarray(ks, dtype=np.float64)
     theta = np.asarray(theta, dtype=np.float64)
@@ -104,24 +76,12 @@ def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Ba
 
 
 def soil_response_baghdadi16(theta: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """What moisture and roughness do to the backscatter of bare soil.
+    """What moisture and roughness do to the backscatter of bare soil at angles (...) of 18 to 57 degrees.
 
-    Parameters
-    ----------
-    theta : float array (...)
-        Incidence angle [rad], 18 to 57 degrees.
-
-    Returns
-    -------
-    float64 array (3, ...)
-        Change of HH, HV and VV with volumetric moisture [dB per m^3/m^3].
-    float64 array (3, ...)
-        Change with the root-mean-square height [dB per factor of ten].
-
-    Notes
-    -----
-    Baghdadi et al. 2016, "A new empirical model for radar scattering from bare soil surfaces", Remote Sensing 8(11),
-    920: ``10^(g mv cot t) (k s)^(h sin t)``, mv in percent, fitted to images of farmed fields in L, C and X band.
+    Change of HH, HV and VV (3, ...) with volumetric moisture [dB per m^3/m^3], and with the root-mean-square height [dB
+    per factor of ten]. Baghdadi et al. 2016, "A new empirical model for radar scattering from bare soil surfaces",
+    Remote Sensing 8(11), 920: ``10^(g mv cot t) (k s)^(h sin t)``, mv in percent, fitted to images of farmed fields in
+    L, C and X band.
     """
     theta = np.asarray(theta, dtype=np.float64)
     by_moisture, by_height = (np.reshape(one, (3, *(1,) * theta.ndim)) for one in ((0.9, 1.1, 0.8), (8.6, 4.4, 7.1)))
@@ -133,23 +93,10 @@ def backscatter_layer_ulaby14(
 ) -> FloatArray:
     """Co-polarized backscatter of a layer of Rayleigh scatterers over rough ground (model S2RT/R).
 
-    Parameters
-    ----------
-    ground : float array
-        Backscatter coefficient of the ground alone [1].
-    ground_reflectivity : float array
-        Fresnel reflectivity of the ground at the same polarization [1].
-    albedo : float array
-        Single-scattering albedo of the layer [1]; the single-scattering theory holds below about 0.2.
-    optical_depth : float array
-        Extinction times thickness, one way and vertical [Np].
-    theta : float array
-        Incidence angle [rad], below pi/2.
-
-    Notes
-    -----
-    Ulaby and Long 2014, "Microwave Radar and Radiometric Remote Sensing", chapter 11: diffuse upper boundary, terms for
-    the ground, the layer, the layer seen by reflection, and layer-ground double reflection.
+    Of the ground alone, its backscatter and Fresnel reflectivity at the same polarization; of the layer, its
+    single-scattering albedo, below about 0.2, and extinction times thickness, one way and vertical [Np]. Ulaby and Long
+    2014, "Microwave Radar and Radiometric Remote Sensing", chapter 11: diffuse upper boundary, terms for the ground,
+    the layer, the layer seen by reflection, and layer-ground double reflection.
     """
     theta, a, tau = (np.asarray(x, dtype=np.float64) for x in (theta, albedo, optical_depth))
     r = np.asarray(ground_reflectivity, dtype=np.float64)
@@ -160,19 +107,10 @@ def backscatter_layer_ulaby14(
 
 
 def backscatter_ulaby89_db(parameters: ArrayLike, theta: ArrayLike) -> FloatArray:
-    """Mean backscatter of a terrain class [dB] by the regression of Ulaby and Dobson.
+    """Mean backscatter of a terrain class [dB] by the regression of Ulaby and Dobson, 0 to 80 degrees.
 
-    Parameters
-    ----------
-    parameters : float array (6,)
-        P1 to P6 of the class, band and polarization.
-    theta : float array
-        Incidence angle [rad], 0 to 80 degrees.
-
-    Notes
-    -----
-    Ulaby and Dobson 1989, "Handbook of Radar Scattering Statistics for Terrain":
-    P1 + P2 exp(-P3 t) + P4 cos(P5 t + P6).
+    P1 + P2 exp(-P3 t) + P4 cos(P5 t + P6), with P1 to P6 of the class, band and polarization: Ulaby and Dobson 1989,
+    "Handbook of Radar Scattering Statistics for Terrain".
     """
     p1, p2, p3, p4, p5, p6 = np.asarray(parameters, dtype=np.float64)
     theta = np.asarray(theta, dtype=np.float64)
@@ -189,18 +127,9 @@ _SMOOTH_GHZ: Final = (1.3, 5.0)
 
 
 def permittivity_water_ulaby14(frequency_ghz: ArrayLike, temperature_c: ArrayLike) -> NDArray[np.complex128]:
-    """Permittivity of pure water by a double Debye spectrum.
+    """Permittivity of pure water at 0.1 to 1000 GHz and 0 to 30 deg C by a double Debye spectrum.
 
-    Parameters
-    ----------
-    frequency_ghz : float array
-        Frequency [GHz], 0.1 to 1000.
-    temperature_c : float array
-        Temperature [deg C], 0 to 30.
-
-    Notes
-    -----
-    Ulaby and Long 2014, "Microwave Radar and Radiometric Remote Sensing", section 4-1 (double Debye form).
+    Ulaby and Long 2014, "Microwave Radar and Radiometric Remote Sensing", section 4-1.
     """
     f, t = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(temperature_c, dtype=np.float64)
     static = 87.85306 * np.exp(-0.00456992 * t)
@@ -218,11 +147,6 @@ def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[
     From 1.3 to 5 GHz the effective conductivity goes over from that of Peplinski 1995 to that of Dobson 1985 along the
     logarithm of frequency (assumed). Elsewhere it is `permittivity_soil_dobson85`. Real soil has no such step: the
     model of Mironov, Kosolapova and Fomin 2009, IEEE TGRS 47(7), which holds at all these frequencies, has none.
-
-    Parameters
-    ----------
-    frequency_ghz, moisture : float arrays
-        As there.
     """
     f = np.asarray(frequency_ghz, dtype=np.float64)
     return permittivity_soil_dobson85(f, moisture, np.asarray(np.interp(np.log(f), np.log(_SMOOTH_GHZ), (0.0, 1.0))))
@@ -231,22 +155,12 @@ def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[
 def permittivity_soil_dobson85(
     frequency_ghz: ArrayLike, moisture: ArrayLike, share: ArrayLike
 ) -> NDArray[np.complex128]:
-    """Permittivity of moist loam, semi-empirical mixing model.
+    """Permittivity of moist loam, semi-empirical mixing model, at 0.3 to 18 GHz and moistures above 0 [m^3/m^3].
 
-    Parameters
-    ----------
-    frequency_ghz : float array
-        Frequency [GHz], 0.3 to 18.
-    moisture : float array
-        Volumetric moisture [m^3/m^3], above 0.
-    share : float array
-        Of the conductivity of Dobson, the rest of that of Peplinski; as published 0 below 1.3 GHz and 1 from there on.
-
-    Notes
-    -----
-    Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of Peplinski, Ulaby
-    and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
-    Free water: Debye with the relaxation time of Stogryn 1971.
+    ``share`` is of the conductivity of Dobson, the rest that of Peplinski; as published 0 below 1.3 GHz and 1 from
+    there on. Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of
+    Peplinski, Ulaby and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long
+    2014 section 4-8. Free water: Debye with the relaxation time of Stogryn 1971.
     """
     f, mv = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(moisture, dtype=np.float64)
     low = 0.0467 + 0.22 * _DENSITY - 0.411 * _SAND + 0.661 * _CLAY
@@ -272,20 +186,10 @@ def _free_water_stogryn71(frequency_ghz: FloatArray, t: float) -> tuple[FloatArr
 def permittivity_wet_snow_hallikainen86(
     frequency_ghz: ArrayLike, dry_density_g_cm3: float, water_percent: float
 ) -> NDArray[np.complex128]:
-    """Permittivity of wet snow, modified Debye-like model.
+    """Permittivity of wet snow at 3 to 37 GHz, modified Debye-like model.
 
-    Parameters
-    ----------
-    frequency_ghz : float array
-        Frequency [GHz], 3 to 37.
-    dry_density_g_cm3 : float
-        Density of the snow without its water [g/cm^3], 0.09 to 0.38.
-    water_percent : float
-        Liquid water by volume [percent], 1 to 12.
-
-    Notes
-    -----
-    Hallikainen, Ulaby and Abdelrazik 1986, IEEE TAP 34(11).
+    Density without the water 0.09 to 0.38 [g/cm^3], water by volume 1 to 12 [percent]. Hallikainen, Ulaby and
+    Abdelrazik 1986, IEEE TAP 34(11).
     """
     f = np.asarray(frequency_ghz, dtype=np.float64)
     a1 = 0.78 + 0.03 * f - 0.58e-3 * f**2

@@ -86,19 +86,9 @@ class Row:
 
 
 def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str] = ()) -> list[Row]:
-    """Rows of a CSV file.
+    """Rows of a CSV file (`seqrsm.csv_lines.read_cells`) with columns that must and that may be there.
 
-    Parameters
-    ----------
-    path : str or Path
-        See `seqrsm.csv_lines.read_cells`.
-    required, optional : sequence of str
-        Columns that must and may be there; others are refused.
-
-    Raises
-    ------
-    ScatteringDataError
-        No such file, wrong columns, or a line with a wrong number of cells.
+    ScatteringDataError: no such file, wrong columns, or a line with a wrong number of cells.
     """
     file = str(path)
     lines = read_cells(path, "the table", ScatteringDataError)

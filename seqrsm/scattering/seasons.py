@@ -13,7 +13,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import wavenumber_rad_m
-from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, at_nodes, limit_db, weakest
+from seqrsm.scattering.curves import FLOOR_DB, MODEL_THETA, THETA_DEG, Curve, at_nodes, limit_db, weakest
 from seqrsm.scattering.models import (
     backscatter_oh92,
     backscatter_ulaby89_db,
@@ -27,7 +27,6 @@ from seqrsm.units import db_to_linear, linear_to_db
 
 Snow = Literal["none", "dry", "wet"]
 
-_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))
 _SOIL_RMS_M, _ICE_RMS_M = 0.01, 0.003
 _MOISTURE: Final = 0.2
 _FROZEN, _ICE = 4.5 + 0.2j, 3.15 + 0.001j
@@ -62,7 +61,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         status, value = own.status, own.value_db
     elif model == "ice":
         wind = np.zeros(1)
-        ice = [backscatter_oh92(_ICE, wavenumber_rad_m(float(f)) * _ICE_RMS_M, _THETA) for f in frequencies]
+        ice = [backscatter_oh92(_ICE, wavenumber_rad_m(float(f)) * _ICE_RMS_M, MODEL_THETA) for f in frequencies]
         value = np.maximum(linear_to_db(np.array(ice)), FLOOR_DB)[np.newaxis]
         status = (("assumed",) * 3,) * len(frequencies)
     else:
@@ -93,22 +92,11 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
 
 
 def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Dry snow: backscatter of its volume at HH and VV, linear, and two-way transmission to the ground beneath.
+    """Dry snow: backscatter of its volume at HH and VV (2, n), linear, and two-way transmission to the ground (n,).
 
-    Parameters
-    ----------
-    frequency_ghz : float
-        1.25 to 36 GHz; held at the ends.
-    depth_m : float
-        Depth [m], >= 0.
-    theta : float64 array (n,)
-        Incidence angle in air [rad], below pi/2.
-
-    Returns
-    -------
-    float64 array (2, n), float64 array (n,)
-        Single scattering of a layer with refraction at its top; grains of 0.2 mm correlation length, 250 kg/m3
-        (assumed). The volume's HV is negligible below Ka band.
+    At 1.25 to 36 GHz, held at the ends, and incidence angles in air (n,) [rad] below pi/2. Single scattering of a layer
+    of a depth >= 0 [m] with refraction at its top; grains of 0.2 mm correlation length, 250 kg/m3 (assumed). The
+    volume's HV is negligible below Ka band.
     """
     data = numbers_of("snow_dry.csv", ("frequency_ghz", "scattering_per_m", "absorption_per_m", "permittivity"))
     at = np.log(frequency_ghz)
@@ -126,33 +114,20 @@ def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tupl
 def under_snow(
     value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: float
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Backscatter of ground under snow.
+    """Backscatter (3, 91) [dB] of ground under snow >= 0 [m] deep, the ground's part of its power, what was assumed.
 
-    Parameters
-    ----------
-    value_db : float64 array (3, 91)
-        The ground's own sigma0 [dB] at HH, HV, VV against `THETA_DEG`.
-    frequency_ghz : float
-    snow : {"dry", "wet"}
-    depth_m : float
-        Depth [m], >= 0.
-
-    Returns
-    -------
-    float64 arrays (3, 91), str
-        sigma0 [dB]; the part of its power that comes from the ground; what was assumed. Dry: the ground seen through
-        the snow plus the snow's volume. Wet (3 percent water): between the ground and Ulaby and Dobson's wet snow, by
-        the snow's absorption.
+    From the ground's own sigma0 [dB] at HH, HV, VV against `THETA_DEG`. Dry: the ground seen through the snow plus the
+    snow's volume. Wet (3 percent water): between the ground and Ulaby and Dobson's wet snow, by the snow's absorption.
     """
     ground = db_to_linear(value_db)
     if snow == "dry":
-        volume, two_way = snow_volume(frequency_ghz, depth_m, _THETA)
+        volume, two_way = snow_volume(frequency_ghz, depth_m, MODEL_THETA)
         total = ground * two_way + np.stack([volume[0], np.zeros_like(volume[0]), volume[1]])
         note = f"under {100 * depth_m:g} cm of dry snow (computed: snow_iba; grain size assumed)"
         return np.maximum(linear_to_db(total), FLOOR_DB), ground * two_way / total, note
     eps = complex(permittivity_wet_snow_hallikainen86(frequency_ghz, _WET_SNOW_DENSITY, _WET_SNOW_PERCENT))
     absorption = 2.0 * wavenumber_rad_m(frequency_ghz) * np.sqrt(eps).imag
-    inside = np.sqrt(1.0 - np.sin(_THETA) ** 2 / eps.real)
+    inside = np.sqrt(1.0 - np.sin(MODEL_THETA) ** 2 / eps.real)
     two_way = np.exp(-2.0 * absorption * depth_m / inside)
     total = ground * two_way + db_to_linear(_wet_snow_db(frequency_ghz)) * (1.0 - two_way)
     note = f"under {100 * depth_m:g} cm of wet snow (public_code: dartstst; absorption with 3 percent water, assumed)"
@@ -166,7 +141,7 @@ def _wet_snow_db(frequency_ghz: float) -> FloatArray:
     value = np.empty((len(nodes), len(POLARIZATIONS), THETA_DEG.size))
     for r in rows:
         at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
-        value[at] = backscatter_ulaby89_db([float(r.text(f"p{k}")) for k in range(1, 7)], _THETA)
+        value[at] = backscatter_ulaby89_db([float(r.text(f"p{k}")) for k in range(1, 7)], MODEL_THETA)
     position = np.clip(np.log(frequency_ghz), np.log(nodes[0]), np.log(nodes[-1]))
     upper = int(np.clip(np.searchsorted(np.log(nodes), position), 1, len(nodes) - 1))
     share = (position - np.log(nodes[upper - 1])) / np.log(nodes[upper] / nodes[upper - 1])

@@ -149,27 +149,19 @@ class Sigma0Table:
         snow_depth_cm: float = 15.0,
         day: float | None = None,
     ) -> Sigma0Lookup:
-        """Backscatter of ``categories`` for one channel.
+        """Backscatter of ``categories``, repeats allowed, for one channel: HH, HV, VH (the same as HV) or VV.
 
         Parameters
         ----------
-        categories : sequence of str
-            Category names, repeats allowed.
         frequency_ghz : float
-            Frequency [GHz], at most one octave beyond a category's nodes.
-        polarization : str
-            HH, HV, VH (the same as HV) or VV.
-        season : str
-            Season of the curves.
+            At most one octave beyond a category's nodes [GHz].
         wind_m_s : float
             Wind at 10 m [m/s], which only water feels: 2 to 10.
         soil_moisture : float
             Volumetric moisture [m^3/m^3]: 0 to 0.6, effective from 0.04 to 0.45. Bare soil feels it and, on a day or
             out of the growing season, other covers by the part of their echo that is bare soil's.
-        snow : {"none", "dry", "wet"}
-            Snow on everything but trees and buildings, whose echo comes from above it.
-        snow_depth_cm : float
-            Its depth [cm], >= 0.
+        snow, snow_depth_cm : {"none", "dry", "wet"}, float
+            Snow on everything but trees and buildings, whose echo comes from above it, and its depth >= 0 [cm].
         day : float or None
             Day of the year on which the covers are met, one year as the next; None: in the middle of ``season``.
 
@@ -446,15 +438,8 @@ def _shipped_table() -> Sigma0Table:
 def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
     """The shipped table, or the shipped table with the categories of a user's file in place of its own.
 
-    Parameters
-    ----------
-    path : str or Path, optional
-        Long CSV; its columns are in `seqrsm.scattering.longtable`.
-
-    Raises
-    ------
-    ScatteringDataError
-        The file cannot be read or holds wrong rows: all of them, each with line and column.
+    The columns of ``path`` are in `seqrsm.scattering.longtable`. ScatteringDataError tells that it cannot be read, or
+    all wrong rows, each with line and column.
     """
     shipped = _shipped_table()
     if path is None:

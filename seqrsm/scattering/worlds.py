@@ -68,14 +68,8 @@ class World:
     def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
         """Standard normal departure (91,) of a cover's mean at incidence angles 0, 1, ..., 90 degrees.
 
-        Parameters
-        ----------
-        category, kin : str
-            The cover, and the class that it shares part of its departure with; "" for none.
-        frequency_ghz : float
-            Above 0 [GHz].
-        channel : str
-            HH, HV, VV of backscatter, H, V of emissivity.
+        ``kin``: class that the cover shares part of its departure with; "" for none. ``channel``: HH, HV, VV of
+        backscatter, H, V of emissivity.
         """
         emission = channel in ("H", "V")
         ghz = emission_as_ghz(frequency_ghz) if emission else frequency_ghz
@@ -90,11 +84,8 @@ class World:
         """Departure (365,) of the course of a cover's backscatter on days 1 to 365, of unit mean square over the year.
 
         Of the same covers, frequencies and channels of backscatter as `departure`, and independent of it.
-
-        Parameters
-        ----------
-        level_days : float64 array (365,)
-            Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
+        ``level_days`` (365,): weights of the days for which the table's level holds, which sum to 1; the departure's
+        mean over them is 0.
         """
         return _season(self.seed, self.numbers(category), category, kin, frequency_ghz, channel, level_days.tobytes())
 
@@ -221,24 +212,11 @@ def drawn_by_frequency(
     frequency_ghz: float,
     step_octaves: float = _STEP_OCTAVES,
 ) -> FloatArray:
-    """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
+    """Standard normal draws of a shape that depend on the frequency, so that near ones see nearly the same.
 
     Draws stand at 0.9 GHz and every step from there, a frequency takes straight lines between. With steps of two
     octaves L and C band are correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on
-    which others are drawn.
-
-    Parameters
-    ----------
-    seed, number : int
-        Campaign, and run or world.
-    purpose : str
-        Name of the draws.
-    shape : tuple of int
-        Of the draws at one frequency.
-    frequency_ghz : float
-        Above 0 [GHz].
-    step_octaves : float
-        Above 0 [octaves].
+    which others are drawn. ``number``: run or world of a campaign's ``seed``; ``purpose``: name of the draws.
     """
     lower, share = _place(frequency_ghz, step_octaves)
     here, above = (generator(seed, number, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))

@@ -65,16 +65,8 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> NDArray[
 def cut_patches(patch: AnyArray, spacing: int, whole: AnyArray, *, seed: int) -> NDArray[np.int32]:
     """Fields of the patches: those of more than two fields' area are cut into Voronoi pieces, as `voronoi_labels` does.
 
-    Parameters
-    ----------
-    patch : int array (rows, cols)
-        Number >= 0 of the patch.
-    spacing : int
-        Mean side of a field [cells].
-    whole : bool array (rows, cols)
-        Patches that are fields already: not cut, however large.
-    seed : int
-        Seed of the pieces' centres.
+    ``patch`` (rows, cols): number >= 0 of the patch. ``spacing``: mean side of a field [cells]. ``whole`` (rows, cols):
+    patches that are fields already, not cut however large.
     """
     large = np.bincount(patch.ravel()) > 2 * spacing**2
     piece = voronoi_labels(patch.shape[0], patch.shape[1], spacing, seed=seed)

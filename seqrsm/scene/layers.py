@@ -131,14 +131,8 @@ _LEAST_SIDE = 8
 def cells_in_one(cell_m: float, detail_m: float, cells: int) -> int:
     """Cells along a side of the blocks that may become one: a power of 2, so that few data bases serve many sensors.
 
-    Parameters
-    ----------
-    cell_m : float
-        Side of a cell [m].
-    detail_m : float
-        Side of what a sensor tells apart [m].
-    cells : int
-        That are to be left along that side at least; 0 keeps the data base as it is.
+    ``detail_m``: side of what a sensor tells apart [m], along which so many ``cells`` are to be left at least; 0 keeps
+    the data base as it is.
     """
     factor = 1
     while cells > 0 and factor < LARGEST and 2 * factor * cells * cell_m <= detail_m * (1.0 + 1e-9):

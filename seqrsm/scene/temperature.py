@@ -30,19 +30,8 @@ class Sun:
 
 
 def sun_position(latitude_deg: float, day_of_year: float, hour: float) -> Sun:
-    """Place of the sun.
+    """Place of the sun at a latitude, -90 to 90 [deg], north positive, on a day from 1 to 366 and solar time [h].
 
-    Parameters
-    ----------
-    latitude_deg : float
-        -90 to 90 [deg], north positive.
-    day_of_year : float
-        1 to 366.
-    hour : float
-        Solar time [h]: 12 is noon.
-
-    Notes
-    -----
     Declination 23.45 sin(360 (284 + n) / 365) deg: Cooper 1969, Solar Energy 12(3); good to half a degree.
     """
     declination = math.radians(23.45) * math.sin(2.0 * math.pi * (284.0 + day_of_year) / 365.0)

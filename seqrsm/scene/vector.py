@@ -30,10 +30,11 @@ def burn_layer(
 ) -> tuple[IntArray, BoolArray]:
     """Numbers of a layer's polygons in the cells whose centres lie in them, and the cells that lie in one.
 
+    int64 and bool (rows, cols); where polygons overlap, the later holds. The layer is GeoJSON; or GeoPackage, shapefile
+    or FlatGeobuf where pyogrio and shapely are installed.
+
     Parameters
     ----------
-    path : path
-        GeoJSON; GeoPackage, shapefile or FlatGeobuf where pyogrio and shapely are installed.
     x, y : arrays (cols,), (rows,)
         Centres of the cells [m], eastward and southward.
     epsg : int or None
@@ -42,11 +43,6 @@ def burn_layer(
         Attribute that holds a whole number or one of ``words``; None: polygons are numbered 1, 2, 3, ...
     words : Mapping[str, int]
         Numbers that words stand for.
-
-    Returns
-    -------
-    int64 array (rows, cols), bool array (rows, cols)
-        Where polygons overlap, the later holds.
 
     Raises
     ------

@@ -41,27 +41,15 @@ _SEEN_DB: Final = 2.5  # by which a cover's backscatter changes if half of its e
 
 
 def retrieved_fields(images: Sequence[RadarImage], scene: Scene, seed: int, run_id: int) -> tuple[FloatArray, AnyArray]:
-    """Moisture of each bare field expected from its backscatter, and which field it is of every cell.
+    """Moisture of each bare field expected from its backscatter (n,) [m3/m3], and which field it is of every cell.
 
     In two steps: the date's mean from all fields, then each field's departure by that of its backscatter from the
-    others'. A field in which no pixel lies away from the edge is left at the date's mean.
+    others'. A field in which no pixel lies away from the edge is left at the date's mean. Of every cell it is the place
+    among the fields, int32 (rows, columns), -1 for cells that are not scored, not seen or show no moisture.
 
-    Parameters
-    ----------
-    images : sequence of RadarImage
-        Of one date; near frequencies and angles see nearly the same of what fields differ by. Of several dates each is
-        a case of its own: a field's roughness lasts about as its moisture does, so that all dates together tell 0.03 of
-        its variance more at best, and less where the table has a date's mean wrong.
-    scene : Scene
-    seed, run_id : int
-        As of `seqrsm.score.evidence.evidence_of`.
-
-    Returns
-    -------
-    float64 array (n,)
-        [m3/m3]
-    int32 array (rows, columns)
-        Place in it; -1 for cells that are not scored, not seen or show no moisture.
+    Images are of one date; near frequencies and angles see nearly the same of what fields differ by. Of several dates
+    each is a case of its own: a field's roughness lasts about as its moisture does, so that all dates together tell
+    0.03 of its variance more at best, and less where the table has a date's mean wrong.
     """
     unit, counts, _ = fields_of(pixels_of(images, scene, seed=seed, run_id=run_id), scene)
     tables = [_looked_up(image, scene, image.radar.recorded, GRID) for image in images]  # the phase is left unused

@@ -142,17 +142,12 @@ def squares_of(scene: Scene, side_m: float) -> tuple[AnyArray, int]:
 
 
 def retrieved_squares(image: RadiometerImage, scene: Scene) -> tuple[FloatArray, AnyArray]:
-    """Moisture of each square of `BLOCK_M` expected from the brightness of its footprints, and each cell's square.
+    """Moisture of each square of `BLOCK_M` expected from the brightness of its footprints (n,) [m3/m3].
 
-    In two steps: the date's mean from all footprints; then each square's departure from it, by the departure of its
-    footprints' brightness from what their covers show elsewhere in the image.
-
-    Returns
-    -------
-    float64 array (n,)
-        [m3/m3]; the date's mean where no footprint shows any.
-    int64 array (rows, columns)
-        Place in it; -1 for cells that are not scored, not seen or whose cover shows no moisture.
+    And each cell's square, int64 (rows, columns), -1 for cells that are not scored, not seen or whose cover shows no
+    moisture. In two steps: the date's mean from all footprints; then each square's departure from it, by the departure
+    of its footprints' brightness from what their covers show elsewhere in the image. Where no footprint shows any it is
+    the date's mean.
     """
     pixel = seen_pixels(image)
     block, n_blocks = squares_of(scene, BLOCK_M)

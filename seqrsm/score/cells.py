@@ -122,13 +122,7 @@ def _first_word(name: str) -> str:
 class CellReader:
     """Opens a table, finds its columns and reads its cells, and collects what is wrong.
 
-    Parameters
-    ----------
-    source : Path, str, DataFrame or TableText
-        See `seqrsm.score.table.table_text`.
-    factors : sequence of FactorColumn
-    measures : sequence of Measure
-        Applications that may stand in the file.
+    ``source``: see `seqrsm.score.table.table_text`. ``measures``: applications that may stand in the file.
     """
 
     optional: tuple[str, ...] = ()

@@ -42,18 +42,9 @@ def score_cover(
 ) -> UtilityScore:
     """Score of the covers that a Gaussian classifier names; see `seqrsm.score.classification.taught`.
 
-    Parameters
-    ----------
-    images : sequence of RadarImage or RadiometerImage
-        Of one ground, one at least; all are evidence together.
-    scene : Scene
-        The scene they were made of.
-    asked : Asked
-        Measure, covers and unit of ground.
-    seed, run_id : int
-        Key of the split into halves: the sample of training fields is part of the run's randomness.
-    known : KnownMap, optional
-        A map that is there already: the classifier knows its labels too, and the floor is what it scores alone.
+    Images are of one ground, made of the scene, one at least; all are evidence together. ``seed`` and ``run_id`` key
+    the split into halves: the sample of training fields is part of the run's randomness. ``known`` is a map that is
+    there already: the classifier knows its labels too, and the floor is what it scores alone.
 
     Raises
     ------
@@ -67,11 +58,8 @@ def score_cover(
 def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) -> UtilityScore:
     """`score_cover` of what is known of each unit of ground; ``categories`` are the names of its classes.
 
-    Returns
-    -------
-    UtilityScore
-        In the unit of the measure; the standard error is over tiles. Details: ``per_class_percent``, cells named
-        rightly by class; ``named_by``, the unit of ground.
+    The standard error is over tiles. Details: ``per_class_percent``, cells named rightly by class; ``named_by``, the
+    unit of ground.
     """
     unknown = [name for name in asked.covers if name not in categories]
     if unknown:
@@ -124,16 +112,10 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
 def measure(confusion: IntArray | FloatArray, name: str, covers: Sequence[int] = ()) -> FloatArray:
     """A measure of confusion matrices (..., n, n), rows the truth and columns the names.
 
-    Parameters
-    ----------
-    confusion : array
-        Classes without any cell of the truth are no part of a mean.
-    name : str
-        "percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection" [percent]; "kappa" (Cohen
-        1960, Educ. Psychol. Meas. 20, 37-46); "area_error": difference of the area named and the true one, sign
-        dropped [percent of the true one], of a classifier that knows the areas of the ground that taught it.
-    covers : sequence of int
-        Classes that the last three are about.
+    Classes without any cell of the truth are no part of a mean. Measures are "percent_correct", "class_mean_correct",
+    "worst_class_correct", and of some ``covers`` "f1", "detection" [percent]; "kappa" (Cohen 1960, Educ. Psychol. Meas.
+    20, 37-46); of covers "area_error": difference of the area named and the true one, sign dropped [percent of the true
+    one], of a classifier that knows the areas of the ground that taught it.
     """
     c = np.asarray(confusion, dtype=np.float64)
     right, true, named = np.diagonal(c, axis1=-2, axis2=-1), c.sum(axis=-1), c.sum(axis=-2)

@@ -59,22 +59,12 @@ class Evidence:
 def evidence_of(
     images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, known: KnownMap | None = None
 ) -> Evidence:
-    """What images of one ground show of it together.
+    """What images of one ground, one at least, show of it together.
 
-    Parameters
-    ----------
-    images : sequence of RadarImage or RadiometerImage
-        One at least.
-    scene : Scene
-        The scene they were made of.
-    by : {"pixel", "neighbourhood", "segment", "field"}
-        Unit of ground: a pixel; a pixel after an adaptive filter over its neighbours (`WINDOW`); a segment of the
-        images, by the mean over its pixels; a field of the scene, by the mean over the pixels that lie inside it, or
-        over its cells where none does.
-    seed, run_id : int
-        Key of the split of tiles into halves.
-    known : KnownMap, optional
-        A map of the ground that is there already.
+    ``by`` is the unit of ground: "pixel"; "neighbourhood", a pixel after an adaptive filter over its neighbours
+    (`WINDOW`); "segment" of the images, by the mean over its pixels; "field" of the scene, by the mean over the pixels
+    that lie inside it, or over its cells where none does. ``seed`` and ``run_id`` key the split of tiles into halves;
+    ``known`` is a map of the ground that is there already.
     """
     base = finest(images)
     pixels = pixels_of(images, scene, seed=seed, run_id=run_id)

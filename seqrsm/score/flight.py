@@ -77,20 +77,11 @@ def read_scores(
     block: str = "block",
     recorded: Mapping[int, Mapping[str, float | str]] | None = None,
 ) -> ScoresFile:
-    """Read a file, or a table, of measured scores.
+    """Read a file, or a table (`seqrsm.score.table.table_text`), of measured scores.
 
-    Parameters
-    ----------
-    source : Path, str, DataFrame or TableText
-        See `seqrsm.score.table.table_text`.
-    factors : sequence of FactorColumn
-        Every factor must have its column, or none with a column ``run_id``.
-    measures : sequence of Measure
-        The campaign's applications; with one, the column ``application`` may be absent.
-    block : str
-        Column that the campaign takes blocks from.
-    recorded : Mapping
-        Settings of the campaign's runs, by run id.
+    Every factor must have its column, or none with a column ``run_id``; ``recorded`` then has the settings of the
+    campaign's runs, by run id. Where there is one application, one of ``measures``, the column ``application`` may be
+    absent. ``block`` is the column that the campaign takes blocks from.
 
     Raises
     ------

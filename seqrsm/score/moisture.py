@@ -32,12 +32,8 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     bare fields (`seqrsm.score.bare_soil`), on each date by itself. "soil_moisture_error" is the unbiased root mean
     square error [m3/m3]: errors about their mean of each date. "soil_moisture_skill" is one less its square over the
     variance that the truth has on average: 0 for a guess of the mean, 1 where all is known. Images are of one ground,
-    by one radiometer, or radars; seed and run id key the tiles that a field larger than one is divided by.
-
-    Returns
-    -------
-    UtilityScore
-        Details: ``truth_sd``, of this occasion, and ``bias`` [m3/m3], ``skill``.
+    by one radiometer, or radars; seed and run id key the tiles that a field larger than one is divided by. Details:
+    ``truth_sd``, of this occasion, and ``bias`` [m3/m3], ``skill``.
 
     Raises
     ------

@@ -157,21 +157,10 @@ class Table:
 
 
 def read_table(name: str, data: bytes, is_known: Callable[[str], bool]) -> Table:
-    """Read the bytes of a CSV file.
+    """Read the bytes of a CSV file, UTF-8 with or without a byte order mark, any line ends; ``name`` is for messages.
 
-    Parameters
-    ----------
-    name : str
-        File name, for messages.
-    data : bytes
-        UTF-8, with or without a byte order mark; any line ends.
-    is_known : callable
-        Whether a header cell is a column that the caller wants; the separator that yields most of them is taken.
-
-    Raises
-    ------
-    ScoresFileError
-        Empty, not UTF-8, not a table.
+    ``is_known`` tells whether a header cell is a column that the caller wants; the separator that yields most of them
+    is taken. ScoresFileError: empty, not UTF-8, not a table.
     """
     text = _decode(name, data)
     if not text.strip():

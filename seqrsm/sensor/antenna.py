@@ -36,26 +36,12 @@ def elevation_gain(
     beamwidth_rad: float,
     table: Sequence[tuple[float, float]] = (),
 ) -> FloatArray:
-    """One-way power pattern relative to its peak.
+    """One-way power pattern relative to its peak at look angles from the vertical, 0 to pi/2 [rad].
 
-    Parameters
-    ----------
-    kind : {"isotropic", "cosecant_squared", "sinc_squared", "table"}
-        The same everywhere; cosec**2 of the depression angle from the boresight inwards, which lights level ground
-        evenly, and half a sinc**2 beam beyond it; sinc**2; straight lines in decibels between given points.
-    look_rad : float64 array
-        Look angle from the vertical [rad], 0 to pi/2.
-    boresight_rad : float
-        Look angle of the peak (of the far edge of the cosecant part) [rad].
-    beamwidth_rad : float
-        Half-power beamwidth of the sinc**2 beam [rad], > 0.
-    table : sequence of (float, float)
-        Look angle [deg] and gain [dB] below the peak, angles rising.
-
-    Returns
-    -------
-    float64 array, shape of `look_rad`
-        Within `PATTERN_FLOOR_DB` and 1.
+    Within `PATTERN_FLOOR_DB` and 1. The same everywhere; or cosec**2 of the depression angle from the boresight
+    inwards, which lights level ground evenly, and half a sinc**2 beam beyond it; or sinc**2, whose peak is the
+    boresight and whose half-power width is > 0; or straight lines in decibels between the points of a ``table``, look
+    angle [deg], rising, and gain [dB] below the peak.
     """
     look = np.asarray(look_rad, dtype=np.float64)
     if kind == "isotropic":

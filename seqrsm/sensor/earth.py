@@ -49,16 +49,9 @@ class RangeGeometry:
 
 
 def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) -> RangeGeometry:
-    """Geometry of flat ground at given ground ranges.
+    """Geometry of flat ground at ground ranges, arcs on the datum [m] that are negative behind nadir.
 
-    Parameters
-    ----------
-    ground_range_m : float64 array
-        Arc on the datum [m]; negative behind nadir.
-    height_m : float
-        Antenna over the datum [m], > 0.
-    curved : bool
-        A sphere of the Earth's mean radius, or a plane.
+    The antenna stands > 0 over the datum [m], a sphere of the Earth's mean radius or a plane.
     """
     arc = np.asarray(ground_range_m, dtype=np.float64)
     if not curved:

@@ -249,23 +249,10 @@ def pulses(channels: tuple[str, ...], sample_m: float, speed_m_s: float) -> dict
 def radar_of(
     sensor: NamedSensor, channels: str, incidence_deg: float, cell_m: float | None = None
 ) -> RadarConfiguration:
-    """A named radar over a scene at one incidence angle.
+    """A named radar over a scene, at one incidence angle in its centre, with channels such as "VV+VH".
 
-    Parameters
-    ----------
-    sensor : NamedSensor
-        A radar.
-    channels : str
-        Such as "VV+VH".
-    incidence_deg : float
-        At the centre of the scene.
-    cell_m : float, optional
-        Side of the final cell; finer ones than the product's become that.
-
-    Raises
-    ------
-    ConfigurationError
-        The radar is impossible.
+    ``cell_m``: side of the final cell; finer ones than the product's become that. ConfigurationError says that the
+    radar is impossible.
     """
     own_cell = sensor.cell_m(incidence_deg)
     cell = max(cell_m or own_cell, own_cell)
@@ -296,7 +283,7 @@ def radar_of(
 def radiometer_of(sensor: NamedSensor, channels: str, cell_m: float | None = None) -> RadiometerConfiguration:
     """A named radiometer over a scene: at its incidence, or its footprint as a square at nadir, line beside line.
 
-    Parameters, errors: as of `radar_of`.
+    The rest as of `radar_of`.
     """
     known = sensor.values
     cell = max(cell_m or 0.0, sensor.cell_m(0.0))

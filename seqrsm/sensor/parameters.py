@@ -208,19 +208,11 @@ def configured(
     settings: Mapping[str, float | str],
     fixed: Mapping[str, float | str] | None = None,
 ) -> _Configuration:
-    """Configuration of one point of a design.
+    """Configuration of one point of a design, a dataclass whose fields without a default must be given.
 
-    Parameters
-    ----------
-    sensor : str
-        "radar" or "radiometer", for messages.
-    configuration : type
-        Dataclass of the sensor; fields without a default must be given.
-    table : Mapping
-        `RADAR` or `RADIOMETER`.
-    settings, fixed : Mapping
-        Levels of the factors, and everything that is no factor; by the names of ``campaign.toml``. A polarization such
-        as ``"HH+HV"`` is a set of channels.
+    ``sensor``, "radar" or "radiometer", is for messages. ``settings`` and ``fixed`` are levels of the factors, and
+    everything that is no factor; by the names of ``campaign.toml``. A polarization such as ``"HH+HV"`` is a set of
+    channels.
 
     Raises
     ------

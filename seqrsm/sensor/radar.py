@@ -47,129 +47,46 @@ _Real = TypeVar("_Real", float, FloatArray)
 class RadarConfiguration:
     """One radar on one flight line, complete and free of contradictions.
 
-    The defaults stand for a light airborne synthetic-aperture radar; they are choices, not data of a certain set.
+    The defaults stand for a light airborne synthetic-aperture radar; they are choices, not data of a certain set. What
+    each field is, its unit, limits and levels stand in ``data/parameters.csv``. More is to be said of some:
 
-    Attributes
-    ----------
-    frequency_ghz : float
-        Carrier frequency [GHz], 0.1 to 100.
-    channels : tuple of str
-        Polarization channels imaged together, HH, HV, VV, VH, or RH, RV: transmitted, then received; R is circular.
-        Transmit polarizations take turns and share the pulses. With HH and VV, or RH and RV (compact polarimetry), also
-        "phase", the phase between them.
-    resolution_m : float
-        Side of the final resolution cell on the ground [m].
-    bandwidth_mhz : float
-        Bandwidth of the pulse [MHz]; what resolution does not need becomes looks (eq. 3-10).
-    peak_power_w : float
-        Peak transmitted power P_T [W].
-    depression_angle_deg : float
-        Angle below the horizontal to the centre of the scene [deg], 0.05 to 89.95: at nadir itself nothing is resolved
-        in ground range.
-    altitude_m : float
-        Height of the flight line above the zero of the scene's elevations [m].
-    looks : float or None
-        Samples averaged in a final cell; None averages all there are. Where the swath's near part offers fewer than
-        asked for, all of them are averaged.
-    heading_deg : float
-        Direction of flight from north [deg], -360 to 360. The radar looks to the right. Other headings than along the
-        grid turn the data base first: elevation by straight lines, category by the nearest cell.
-    antenna_length_m : float
-        Length L along the track [m].
-    antenna_gain_db : float
-        Peak one-way gain G over isotropic [dB], the same at every frequency.
-    scan : {"slar", "ppi"}
-        Side-looking along a flight line, or a plan-position indicator: an antenna that rotates over one point. The
-        latter has a real aperture and pixels as wide as its beam; speed, heading and antenna length do not matter but
-        for the beamwidth, and `depression_angle_deg` is that of the beam and of the range where the set is judged.
-    antenna_east_m, antenna_north_m : float
-        Of a plan-position indicator, from the middle of the scene [m].
-    aperture : {"synthetic", "real"}
-        Azimuth cell of one look: L/2, or R beta (eq. 3-9). From orbit L/2 is in space, and shorter on the ground
-        (`seqrsm.sensor.earth.ground_share`).
-    azimuth_beamwidth_deg : float or None
-        Half-power beamwidth beta along the track [deg]; None is lambda/L. A given one is that of a length lambda/beta,
-        which then stands for L in resolution and looks.
-    elevation_pattern : {"isotropic", "cosecant_squared", "sinc_squared", "table"}
-        How the gain falls off its peak with the look angle (`seqrsm.sensor.antenna.elevation_gain`).
-    boresight_depression_deg : float or None
-        Depression angle of the peak [deg]; None is `depression_angle_deg`.
-    elevation_beamwidth_deg : float
-        Half-power width of the beam in elevation [deg].
-    pattern_table : tuple of (float, float)
-        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``.
-    pulse_length_us : float
-        Length of the transmitted pulse [us]; compression gains bandwidth x length.
-    prf_hz : float
-        Pulses a second [Hz], all transmit polarizations together. A higher rate lowers the noise of a synthetic
-        aperture; that of a real one fluctuates as if each sample were one pulse, which costs at most 2 points of
-        percent correct.
-    speed_m_s : float
-        Ground speed [m/s].
-    noise_figure_db, loss_db : float
-        Noise figure of the receiver [dB]; two-way loss of antenna feed and processing [dB].
-    zenith_loss_db : float
-        One-way loss of the atmosphere straight down from the flight line [dB]; it grows with the slant path.
-    pixel_m : float or None
-        Side of a pixel on the ground [m], at most the resolution; None is the resolution. Finer pixels overlap in what
-        they see, and fade together.
-    cell_shape : {"box", "gaussian", "sinc_squared"}
-        Response in power about the middle of a resolution cell, whose side is its half-power width: all within it
-        alike, or a Gaussian, or the sinc**2 of an evenly filled band; the latter two need pixels of at most half that.
-    range_format : {"ground", "slant"}
-        Spacing of the image rows: equal steps on flat ground, or equal slant ranges.
-    near_incidence_deg, far_incidence_deg : float
-        Edges of the swath, incidence angles on flat ground [deg]; ground outside is not imaged.
-    earth : {"curved", "flat"}
-        Sphere or plane under the elevations.
-    fading : {"gamma", "none"}
-        Eq. (3-11) with any real N, or none.
-    receiver : str
-        M of eq. (3-1): linear, square_law, saturation, compression, agc, or ``package.module:function`` of a power
-        array (`seqrsm.simulate.radar.receiver`).
-    receiver_level_db : float
-        Level of M's bend and of its unit gain [dB] over the power of flat ground of sigma0 = 1 at the centre of the
-        swath.
-    agc_length_m : float
-        Flight path over which the automatic gain follows the echo [m].
-    adc_bits, adc_range_db : int, float
-        Bits of the converter Q for each of I and Q of the raw echo, 0 for none, and the power of its full scale over
-        that of a channel's mean echo [dB]. Its error is noise (`seqrsm.simulate.radar.receiver`).
-    processing : str
-        S of eq. (3-3): ``package.module:function`` of the intensities after M and Q, or "" for none.
-    n_bits, dynamic_range_db : int, float
-        Bits of a grey tone, and the range coded into them [dB] (n and m of eqs. 3-16 to 3-18).
-    film_gamma, film_k : float
-        Slope and constant of the film, eqs. (3-4) to (3-6).
-    i_min_w, i_c_w, i_qc, p_rc_w, g_rc : float or None
-        Calibration of the picture: the intensity that becomes 0 [W] (eq. 3-16); the intensity I_C [W] and its level
-        I_QC (eq. 3-17); or the power P_RC [W] and its grey tone G_RC (eq. 3-18). With none the picture's median is
-        mid-grey.
-    season : {"spring_summer", "fall", "winter"}
-        Season of the scattering table.
-    snow, snow_depth_cm : {"none", "dry", "wet"}, float
-        Snow of a winter, and its depth [cm].
-    soil_moisture_low, soil_moisture_high : float
-        Volumetric soil moisture of a run is uniform between them [m3/m3].
-    soil_moisture_field_sd, soil_moisture_region_sd : float
-        Departures of bare fields' moisture, as of a radiometer (`seqrsm.sensor.radiometer`) [m3/m3]; 0 where the
-        spread of their backscatter is to have all of it.
-    soil_moisture_region_m : float
-        Distance at which 1/e of what near fields have in common is left [m].
-    wind_low_m_s, wind_high_m_s : float
-        Wind speed over water of a run is uniform between them [m/s].
-    texture_db, texture_m : float
-        How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
-        these parts [m] (`seqrsm.simulate.radar.occasion`).
-    tree_height_m, building_height_m : float
-        Height of Trees and of Buildings above the scene's elevations [m] (assumed); they are opaque, and what lies
-        behind them is in shadow. 0 where the elevations are those of the tops (a surface model). Crops are taken as
-        too short to matter: 2 m hide one cell of 3 m at 30 deg.
-    calibration_sd_db : float
-        Error of the calibration of each channel in each image, standard deviation [dB]. A classifier that is taught in
-        the image which it names does not feel it.
-    targets_file : str
-        CSV file of cultural targets (`seqrsm.simulate.radar.targets.load_targets`); "" for none.
+    * ``channels`` are transmitted, then received; transmit polarizations take turns and share the pulses. "phase" needs
+      HH and VV, or RH and RV (compact polarimetry).
+    * ``bandwidth_mhz`` that ``resolution_m`` does not need becomes looks (eq. 3-10). ``looks`` of None are all that
+      there are; where the near part of the swath offers fewer than asked for, all of them are averaged.
+    * ``depression_angle_deg`` cannot be 90: at nadir itself nothing is resolved in ground range.
+    * ``heading_deg`` other than along the grid turns the data base first: elevation by straight lines, category by the
+      nearest cell.
+    * ``scan`` "ppi", a plan-position indicator, rotates over one point, with a real aperture and pixels as wide as its
+      beam; speed, heading and antenna length do not matter but for the beamwidth, and ``depression_angle_deg`` is that
+      of the beam and of the range where the set is judged.
+    * ``aperture``: the azimuth cell of one look is L/2, or R beta (eq. 3-9), for an ``antenna_length_m`` L and an
+      ``azimuth_beamwidth_deg`` beta, which is lambda/L if None; a given one is that of a length lambda/beta, which then
+      stands for L in resolution and looks. From orbit L/2 is in space, and shorter on the ground
+      (`seqrsm.sensor.earth.ground_share`).
+    * ``antenna_gain_db`` is the same at every frequency; how it falls off its peak tells
+      `seqrsm.sensor.antenna.elevation_gain`. ``pattern_table`` has look angles [deg] and gains [dB].
+    * ``prf_hz``: a higher rate lowers the noise of a synthetic aperture; that of a real one fluctuates as if each
+      sample were one pulse, which costs at most 2 points of percent correct. Compression gains bandwidth x pulse
+      length.
+    * ``zenith_loss_db`` grows with the slant path.
+    * ``pixel_m``, at most the resolution: finer pixels overlap in what they see, and fade together.
+    * ``cell_shape`` is the response in power about the middle of a resolution cell, whose side is its half-power width:
+      all within it alike, a Gaussian, or the sinc**2 of an evenly filled band; the latter two need pixels of at most
+      half that. Of the swath, ground beyond its edges is not imaged.
+    * ``fading`` is that of eq. (3-11) with any real N. ``receiver`` and ``processing``, M and S of eqs. (3-1) and
+      (3-3), may be a ``package.module:function`` of an array, of powers or of intensities after M and Q; M bends and
+      has unit gain at ``receiver_level_db`` over the power of flat ground of sigma0 = 1 at the centre of the swath. The
+      error of the converter Q is noise. See `seqrsm.simulate.radar.receiver`.
+    * ``n_bits`` and ``dynamic_range_db`` are n and m of eqs. (3-16) to (3-18), ``film_gamma`` and ``film_k`` are of
+      eqs. (3-4) to (3-6). The picture is calibrated by I_min (eq. 3-16), by I_C and I_QC (eq. 3-17) or by P_RC and G_RC
+      (eq. 3-18); with none its median is mid-grey.
+    * Soil moisture and wind of a run are uniform between their ends. ``soil_moisture_field_sd`` and
+      ``soil_moisture_region_sd`` are as of a radiometer; 0 where the spread of bare fields' backscatter is to have all
+      of it. ``texture_db``, 0 for even fields: `seqrsm.simulate.radar.occasion`.
+    * ``tree_height_m`` and ``building_height_m`` (assumed) stand on the scene's elevations and are opaque; 0 where
+      these are those of the tops (a surface model). Crops are too short to matter: 2 m hide one cell of 3 m at 30 deg.
+    * ``targets_file``: `seqrsm.simulate.radar.targets.load_targets`.
 
     Raises
     ------

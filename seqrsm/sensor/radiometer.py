@@ -27,78 +27,29 @@ CHANNELS: Final = RADIOMETER["polarization"].levels
 class RadiometerConfiguration:
     """One scanning radiometer on one flight line over the middle of the scene.
 
-    The defaults stand for a light airborne imager; they are choices, not data of a certain set.
+    The defaults stand for a light airborne imager; they are choices, not data of a certain set. What each field is, its
+    unit, limits and levels stand in ``data/parameters.csv``. More is to be said of some:
 
-    Attributes
-    ----------
-    frequency_ghz : float
-        Centre frequency [GHz], 0.4 to 170.
-    channels : tuple of str
-        Polarizations received together, of H and V; each has a receiver of its own.
-    resolution_m : float
-        Side of the footprint at nadir [m]: the half-power beam on the ground; of a conical scan the root of the product
-        of its two diameters.
-    integration_time_ms : float
-        Time over which one footprint's power is averaged [ms].
-    bandwidth_mhz : float
-        Bandwidth before detection [MHz].
-    noise_temperature_k : float
-        Noise temperature of the receiver with its feed, referred to the antenna terminals [K]; the system's is this
-        plus the antenna temperature.
-    scan_period_s : float
-        Time of one sweep from left to right and back [s]: two image lines. Of a conical scan one turn, one line.
-    altitude_m : float
-        Height of the flight line above the zero of the scene's elevations [m].
-    speed_m_s : float
-        Ground speed [m/s].
-    scan_half_angle_deg : float
-        Reach of the sweep to either side of nadir [deg]; 0 sweeps from edge to edge of the scene.
-    conical_incidence_deg : float
-        Incidence angle of a conical scan at the ground [deg], the same everywhere; 0 sweeps across the track. Each turn
-        draws an arc ahead of the craft, of which the scene sees the middle.
-    heading_deg : float
-        Direction of flight from north [deg]: 0, 90, 180 or 270.
-    receiver : {"total_power", "dicke", "correlation"}
-    reference_temperature_k : float
-        Load of a Dicke or correlation receiver [K].
-    gain_fluctuation : float
-        Relative rms fluctuation of the gain between calibrations, dG/G.
-    beam : {"gaussian", "box", "sidelobes", "measured"}
-        Pattern along both axes. "sidelobes": (sin x / x)**2 of a uniformly lit antenna. "measured": of `beam_file`.
-    beam_file : str
-        CSV with columns ``angle_beamwidths, gain``.
-    antenna_limit_m : float
-        Largest antenna that the craft carries [m]; a finer beam is refused. By default a large one is only noted.
-    gaps : {"record", "refuse"}
-        What to do where sweeps leave ground unseen at nadir: score what is recorded, or refuse.
-    overlap : {"average", "nearest"}
-        What to do where a footprint at nadir holds two sweeps or more: average as many as it holds into one line of the
-        image, with less noise and a line wider by up to a half, or make each a line of its own.
-    radiation : {"auto", "rayleigh_jeans", "planck"}
-        "auto": Rayleigh-Jeans unless its error over the scene exceeds the radiometric resolution.
-    atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
-    weather : {"clear", "cloud", "rain"}
-        See `seqrsm.scattering.atmosphere.make_atmosphere`.
-    cloud_kg_m2, rain_mm_h : float
-        Liquid water of the cloud [kg/m2], and rate of the rain [mm/h].
-    temperature : {"exposure", "constant", "layer"}
-        Physical temperature of the ground by exposure to the sun, `temperature_low_k` everywhere, or the layer of the
-        data base.
-    temperature_low_k, temperature_high_k : float
-        Of ground without sun, and of bare ground square to the sun [K]; cloud and rain take most of the sun.
-    temperature_date_sd_k, temperature_field_sd_k : float
-        Departure of a date, and of a field on a date [K].
-    latitude_deg, day_of_year, hour, exposure_hours : float
-        Sun: latitude [deg], day 1 to 366, solar time [h], and how many hours back exposure is averaged (0: that
-        moment).
-    soil_moisture_low, soil_moisture_high : float
-        Mean volumetric soil moisture of a run is uniform between them [m3/m3].
-    soil_moisture_field_sd : float
-        Departure of a field's moisture from it, each field its own [m3/m3].
-    soil_moisture_region_sd, soil_moisture_region_m : float
-        Departure that neighbouring fields share [m3/m3], and the distance over which its correlation falls to 1/e [m].
-        Famiglietti et al. 2008 (Water Resour. Res. 44, W01423) found 0.036 m3/m3 within 2.5 m and 0.071 within 50 km;
-        the defaults give 0.06 over some kilometres. A data base with moisture of its own takes its place.
+    * Each of ``channels`` has a receiver of its own.
+    * ``resolution_m`` is that of the half-power beam on the ground; of a conical scan the root of the product of its
+      two diameters.
+    * ``noise_temperature_k`` is referred to the antenna terminals; the system's is this plus the antenna temperature.
+    * ``scan_period_s`` makes two image lines, a turn of a conical scan one.
+    * ``conical_incidence_deg`` is the same everywhere. Each turn draws an arc ahead of the craft, of which the scene
+      sees the middle.
+    * ``beam`` "sidelobes" is (sin x / x)**2 of a uniformly lit antenna.
+    * ``antenna_limit_m`` refuses a finer beam. By default a large antenna is only noted.
+    * ``gaps``: where sweeps leave ground unseen at nadir, score what is recorded, or refuse. ``overlap``: where a
+      footprint at nadir holds two sweeps or more, average as many as it holds into one line of the image, with less
+      noise and a line wider by up to a half, or make each a line of its own.
+    * ``radiation`` "auto" is Rayleigh-Jeans unless its error over the scene exceeds the radiometric resolution.
+    * ``weather``: `seqrsm.scattering.atmosphere.make_atmosphere`. Cloud and rain take most of the sun's heating.
+    * ``temperature`` of the ground is by exposure to the sun, `temperature_low_k` everywhere, or the layer of the data
+      base.
+    * Mean soil moisture of a run is uniform between its ends; each field departs by a draw of its own and by one that
+      neighbouring fields share. Famiglietti et al. 2008 (Water Resour. Res. 44, W01423) found 0.036 m3/m3 within 2.5 m
+      and 0.071 within 50 km; the defaults give 0.06 over some kilometres. A data base with moisture of its own takes
+      the place of what they share.
 
     Raises
     ------

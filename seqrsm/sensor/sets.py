@@ -125,19 +125,9 @@ def set_problems(written: float | str, members: Mapping[str, Values]) -> list[Pr
 def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> tuple[Member, ...]:
     """The sensors of a configuration, each with what is its own.
 
-    Parameters
-    ----------
-    engine : str
-        Of members that do not name another.
-    settings, fixed : Mapping
-        Levels of the factors, and what is no factor.
-    members : Mapping
-        What members have of their own, by name.
-
-    Raises
-    ------
-    ConfigurationError
-        Unknown or doubled members, impossible dates.
+    ``engine`` is of members that do not name another; ``settings`` and ``fixed`` are levels of the factors, and what is
+    no factor; ``members`` tells what members have of their own, by name. ConfigurationError tells unknown or doubled
+    members, and impossible dates.
     """
     written = settings.get("frequency", fixed.get("frequency", 0.0))
     own = bool(members) or any("." in name for name in (*settings, *fixed))

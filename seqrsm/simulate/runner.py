@@ -58,7 +58,7 @@ def keep_files(folder: Path, contents: dict[str, bytes]) -> None:
 def run_on_cluster(
     function: Callable[[A], R], arguments: Sequence[A], address: str, files: Collection[str] = ()
 ) -> Iterator[tuple[int, R | Lost]]:
-    """Yield results of a dask cluster as they complete; see `seqrsm.simulate.runner.run_many`.
+    """Yield results of a dask cluster as they complete; see `run_many`.
 
     A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default),
     and then once more in the same way after all others, alone: what kills its workers is told from what ran beside it.
@@ -237,7 +237,7 @@ def run_many(
     cluster: str | None = None,
     files: Collection[str] = (),
 ) -> Iterator[tuple[int, R | Lost]]:
-    """Apply a function to every argument and yield results as they complete.
+    """Apply a function to every argument and yield results as they complete, each with the index of its argument.
 
     An exception of the function ends the runs and reaches the caller. After that, and after an interrupt or when the
     iterator is closed, no run begins; what is under way is not waited for, and what it returns is lost.
@@ -246,22 +246,15 @@ def run_many(
     ----------
     function : callable
         Several threads call it at once when ``workers > 1``; importable by name for a cluster.
-    arguments : sequence
-        One argument for each run.
     workers : int
         Runs at the same time on this machine, each in a thread; 1 runs in the caller's own.
     progress : callable, optional
         Called with (finished, all) after each run.
     cluster : str, optional
-        Address of a dask scheduler, such as ``"tcp://head:8786"``: the runs go there and `workers` is not used.
+        Address of a dask scheduler, such as ``"tcp://head:8786"``: the runs go there and `workers` is not used. Results
+        may then be `Lost`.
     files : collection of str
-        Paths that the function reads; a cluster's workers get them once each and find them by
-        `seqrsm.simulate.runner.local_file`.
-
-    Yields
-    ------
-    tuple of int and result
-        Index of the argument and what the function returned, or, of a cluster, `Lost`; in the order of completion.
+        Paths that the function reads; a cluster's workers get them once each and find them by `local_file`.
 
     Raises
     ------

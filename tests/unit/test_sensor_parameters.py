@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import re
-import textwrap
 from collections import Counter
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -35,18 +33,6 @@ CANNOT_VARY = {"psm": {"processing", "targets_file"}, "prm": {"beam_file"}}
 
 each_row = pytest.mark.parametrize(("engine", "row"), ROWS, ids=lambda item: getattr(item, "name", item))
 each_sensor = pytest.mark.parametrize("engine", SENSORS)
-
-
-def attributes(configuration: type) -> dict[str, str]:
-    """Type and description of each field as the docstring says them."""
-    text = textwrap.indent(inspect.cleandoc(configuration.__doc__ or ""), "    ") + "\n"  # 3.13 takes indents out
-    part = text[text.index("Attributes\n") : text.index("Raises\n")]
-    found = {}
-    for names, meaning in re.findall(r"^    (\w[\w, ]*(?: :.*)?\n(?:        .*\n)*)()", part, flags=re.M):
-        head, _, rest = names.partition("\n")
-        for name in head.partition(" : ")[0].split(","):
-            found[name.strip()] = head + "\n" + rest + meaning
-    return found
 
 
 # -- the table against the configurations ----------------------------------------------------------------------------
@@ -104,22 +90,6 @@ def test_the_name_of_a_field_ends_in_its_unit(engine, row):
         assert -math.inf < row.low < row.high < math.inf
     else:
         assert not row.unit
-
-
-@each_row
-def test_docstrings_tell_the_same_unit(engine, row):
-    text = attributes(SENSORS[engine][1])[row.field]
-    said = set(re.findall(r"\[([^\]]+)\]", text)) - {"deg and gain"}
-    if row.unit:
-        assert row.unit in said, text
-    if row.kind == "word" and "{" in text.partition("\n")[0]:
-        assert all(f'"{level}"' in text for level in row.levels)
-
-
-@each_sensor
-def test_docstrings_name_every_field(engine):
-    _, configuration = SENSORS[engine]
-    assert set(attributes(configuration)) == {field.name for field in fields(configuration)}
 
 
 def test_names_mean_the_same_for_both_sensors():

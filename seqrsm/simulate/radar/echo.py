@@ -173,14 +173,7 @@ def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_for
 def range_offset(z: AnyArray, geometry: FloatArray, ground_format: bool) -> AnyArray:
     """Range position minus that of the datum [bins] of heights in some rows, as the kernels find it.
 
-    Parameters
-    ----------
-    z : float array (n, k)
-        Heights over the datum [m].
-    geometry : float64 array (n, 10)
-        Of `EchoGrid`.
-    ground_format : bool
-        Whether the position is ground range; else slant range.
+    Heights (n, k) are over the datum [m], ``geometry`` (n, 10) is of `EchoGrid`; the position is ground or slant range.
     """
     up, place, per_metre = geometry[:, 4:5], geometry[:, 6:7], geometry[:, 7:8]
     numbers = (2.0 * up, 1.0 / place**2, per_metre / place, -place * per_metre)
@@ -201,25 +194,11 @@ def paired_table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
 def echo_sums(
     radar: RadarConfiguration, grid: EchoGrid, lut: FloatArray, field_factor: FloatArray, threads: int = 1
 ) -> AnyArray:
-    """Power of every range bin and column, summed over the elements in it.
+    """Power of every range bin and column, summed over the elements in it: float (n_channels, n_bins, m).
 
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    grid : EchoGrid
-        Of `echo_grid`.
-    lut : float64 array (n_channels, n_categories, LUT_STEPS + 2)
-        Of `sigma0_lut`.
-    field_factor : float64 array (n_channels, n_fields)
-        Factor of each field's sigma0; n_fields = 0 stands for 1.
-    threads : int
-        Threads that share the columns; the bits do not depend on it.
-
-    Returns
-    -------
-    float array (n_channels, n_bins, m)
-        sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
-        and relative to their best.
+    sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way and
+    relative to their best. The table ``lut`` is of `sigma0_lut`, ``field_factor`` (n_channels, n_fields) of
+    `field_factors`. Threads share the columns; the bits do not depend on their number.
     """
     dtype = grid.frame.elevation_m.dtype
     m = grid.frame.elevation_m.shape[1]

@@ -39,16 +39,10 @@ def cell_weights(shape: str, width: float) -> FloatArray:
 
 
 def spread_over_cells(image: AnyArray, shape: str, down: FloatArray, along: FloatArray) -> AnyArray:
-    """Average over resolution cells; at the rim over the part inside the image.
+    """Average power of pixels (n_channels, n_rows, n_columns) over resolution cells of a shape as of `cell_weights`.
 
-    Parameters
-    ----------
-    image : float array (n_channels, n_rows, n_columns)
-        Power of each pixel's own ground.
-    shape : str
-        As of `cell_weights`.
-    down, along : float64 arrays (n_rows,)
-        Half-power widths of each row's cells across the rows and along them [pixels].
+    At the rim over the part inside the image. ``down`` and ``along`` (n_rows,): half-power widths of each row's cells
+    across the rows and along them [pixels].
     """
     n, one = image.shape[1], np.ones(image.shape[2])
     rows = np.empty_like(image)
@@ -79,12 +73,10 @@ def normal_table() -> AnyArray:
 
 
 def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Tables of y for the rows of an image: four coefficients of a cubic in each step of the normal variate.
+    """Tables of y for the rows of an image, by its numbers of ``looks`` (n_range,), N >= 1.
 
-    Returns
-    -------
-    float64 array (n_tables, k), int64 array (n_range,)
-        A table for each number of looks N >= 1, and which of them each row takes, by its ``looks`` (n_range,).
+    float64 (n_tables, k), four coefficients of a cubic in each step of the normal variate, a table for each N; and
+    which of them each row takes (n_range,).
     """
     return _tables(looks.tobytes())
 
@@ -122,29 +114,15 @@ def correlated_fading(
     cell_pixels: tuple[float, float],
     cell_shape: str = "box",
 ) -> FloatArray:
-    """Factor X of eq. (3-11) with the autocorrelation of overlapping resolution cells.
+    """Factor X of eq. (3-11) with the autocorrelation of overlapping resolution cells, float64 of ``shape``.
 
     White normal variates are averaged over the resolution cell, which correlates two pixels by the share of their cells
     that overlap; each is then turned into the gamma variate of the same probability. The law of one pixel is that of a
     pixel on its own, and the correlation is that of the normal variates to a few hundredths.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (n_channels, n_range, n_azimuth).
-    looks : float64 array (n_range,)
-        N, >= 1.
-    numbers : int array (n_channels,)
-        Number of each channel in the random counter.
-    key : tuple of uint32
-    cell_pixels : tuple of float
-        Size of the resolution cell in range and azimuth [pixels], >= 1.
-    cell_shape : str
-        As of `RadarConfiguration`.
-
-    Returns
-    -------
-    float64 array of `shape`
+    ``shape``: (n_channels, n_range, n_azimuth). ``looks`` (n_range,): N >= 1. ``numbers`` (n_channels,): of each
+    channel in the random counter. ``cell_pixels``: size of the resolution cell in range and azimuth [pixels], >= 1.
+    ``cell_shape``: as of `RadarConfiguration`.
     """
     n_channels, n_range, n_azimuth = shape
     around = [_unit(_box(size) if cell_shape == "box" else cell_weights(cell_shape, size)) for size in cell_pixels]

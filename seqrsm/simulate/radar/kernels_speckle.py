@@ -57,15 +57,7 @@ def philox4x32(
 def fill_normal(channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray) -> None:
     """Standard normal variates of pixels, by the quantile of a uniform word, as far as 6.33 either way.
 
-    Parameters
-    ----------
-    channel : int
-    table : complex array
-        Of `seqrsm.simulate.radar.fading.normal_table`.
-    k0, k1 : uint32
-        Key.
-    out : float64 array (n_range, n_azimuth)
-        Written.
+    ``out`` (n_range, n_azimuth) is written; ``table``: of `seqrsm.simulate.radar.fading.normal_table`.
     """
     blocks = (out.shape[1] + 3) // 4
     words, places = np.empty(4 * blocks, dtype=np.uint32), np.empty(4 * blocks, dtype=np.int32)
@@ -107,19 +99,10 @@ def _normal_row(words: AnyArray, table: AnyArray, places: AnyArray, pairs: AnyAr
 
 @kernel
 def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, out: AnyArray) -> None:
-    """Fading of mean 1 at the probability of normal variates: RSL TR 380-1 eq. (3-11).
+    """Fading of mean 1 at the probability of normal variates (n_range, n_azimuth): RSL TR 380-1 eq. (3-11).
 
-    Parameters
-    ----------
-    normal : float64 array (n_range, n_azimuth)
-    tables : float64 array (n_tables, k)
-        Of `seqrsm.simulate.radar.fading.gamma_tables`.
-    which : int64 array (n_range,)
-        Table of each row.
-    spread : float64 array (n_range,)
-        1 / sqrt(N), at most 1.
-    out : float array (n_range, n_azimuth)
-        Written: the factor X.
+    ``tables`` and ``which``, the table of each row: of `seqrsm.simulate.radar.fading.gamma_tables`. ``spread``
+    (n_range,): 1 / sqrt(N), at most 1. ``out`` is written: the factor X.
     """
     places, cubic = np.empty(normal.shape[1], dtype=np.int32), np.empty(4 * normal.shape[1])
     factor = np.empty(normal.shape[1])

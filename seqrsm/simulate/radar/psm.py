@@ -64,24 +64,10 @@ def simulate_radar(
 ) -> RadarImage:
     """Image of a scene by a radar on one occasion.
 
-    The image is a function of the arguments but `threads`: the same seed and run id give the same bits in any process.
-
-    Parameters
-    ----------
-    scene : Scene
-    radar : RadarConfiguration
-    table : Sigma0Table
-    seed, run_id : int
-        Campaign and run; they key the occasion and the fading.
-    precision : {"float32", "float64"}
-        Element type of the arrays. Single precision is for use, double for reference; see the tests for how far they
-        differ (a median of some 1e-7 of a pixel's power).
-    threads : int
-        Threads that share the columns of a large scene.
-    targets : sequence of CulturalTarget
-        Man-made objects on top of the scene's cover.
-    visit : Visit
-        Which of a run's images this is.
+    The image is a function of the arguments but ``threads``, which share the columns of a large scene: the same seed
+    and run id, of campaign and run, key the same occasion and fading in any process. Single precision is for use,
+    double for reference; see the tests for how far they differ (a median of some 1e-7 of a pixel's power). ``targets``
+    stand on top of the scene's cover; ``visit`` is which of a run's images this is.
 
     Raises
     ------

@@ -224,16 +224,7 @@ def quantised_intensity(
 ) -> FloatArray:
     """Linear quantisation between a least intensity and m decibels above it: eq. (3-16), clipped, not yet rounded.
 
-    Parameters
-    ----------
-    intensity_in : float array
-        I_p, >= 0.
-    minimum : float
-        I_MIN, the intensity that becomes 0, > 0.
-    n_bits : int
-        n.
-    dynamic_range_db : float
-        m.
+    Of intensities I_p >= 0, of which I_MIN > 0 becomes 0, by n bits.
     """
     top = 2.0**n_bits - 1.0
     step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)

@@ -105,11 +105,8 @@ class RadarImage:
 def rectangular_pixels(image: RadarImage) -> IntArray:
     """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.
 
-    Returns
-    -------
-    int64 array (height, width, points)
-        ``row * n_azimuth + column`` of the image of a plan-position indicator; -1 where it has none. North up, over the
-        scene's extent, pixels of the radar's resolution.
+    int64 (height, width, points): ``row * n_azimuth + column`` of the image of a plan-position indicator; -1 where it
+    has none. North up, over the scene's extent, pixels of the radar's resolution.
     """
     rows, cols = (n * image.cell_m for n in image.scene_shape)
     size, radar = image.radar.resolution_m, image.radar

@@ -136,20 +136,8 @@ def add_targets(
 ) -> None:
     """Add the echoes of targets to the range bins; one hidden by the ground in front of it returns nothing.
 
-    Parameters
-    ----------
-    sums : float array (n_channels, n_bins, m)
-        Of `echo_sums`; changed in place, all channels alike.
-    targets : sequence of CulturalTarget
-    scene_shape : tuple of int
-        Rows and columns of the scene.
-    radar, grid
-        As in `echo_sums`.
-
-    Raises
-    ------
-    SceneError
-        A target lies outside the scene.
+    ``sums`` (n_channels, n_bins, m) of `echo_sums` are changed in place, all channels alike. SceneError says that a
+    target lies outside the scene.
     """
     check_targets(targets, scene_shape)
     frame, m = grid.frame, sums.shape[2]

@@ -22,20 +22,10 @@ NO_DATA = 2
 def add_receiver_noise(
     mean: AnyArray, nedt: AnyArray, numbers: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray
 ) -> None:
-    """Add one Gaussian draw to each footprint.
+    """Add one Gaussian draw to each footprint's antenna temperature (n_channels, n_samples, n_lines) [K].
 
-    Parameters
-    ----------
-    mean : float array (n_channels, n_samples, n_lines)
-        Antenna temperature [K].
-    nedt : float array, same shape
-        Standard deviation [K].
-    numbers : int64 array (n_channels,)
-        Number of each channel in the counter: a channel's noise is the same whoever is received beside it.
-    k0, k1 : uint32
-        Key of the run's noise.
-    out : float array, same shape
-        Written.
+    ``out`` is written. ``nedt``: standard deviation [K], same shape. ``numbers`` (n_channels,): of each channel in the
+    counter, so that its noise is the same whoever is received beside it.
     """
     n_channels, n_samples, n_lines = mean.shape
     for c in range(n_channels):

@@ -57,19 +57,9 @@ def simulate_radiometer(
 ) -> RadiometerImage:
     """Image of a scene by a radiometer on one occasion.
 
-    The image is a function of the arguments alone: the same seed and run id give the same bits in any process.
-
-    Parameters
-    ----------
-    scene : Scene
-    radiometer : RadiometerConfiguration
-    table : EmissivityTable
-    seed, run_id : int
-        Campaign and run; they key the occasion and the noise.
-    precision : {"float32", "float64"}
-        Element type of the arrays of cells; footprints are summed in double precision in any case.
-    visit : Visit
-        Which of a run's images this is.
+    The image is a function of the arguments alone: the same seed and run id, of campaign and run, key the same occasion
+    and noise in any process. ``precision`` is that of the arrays of cells; footprints are summed in double precision in
+    any case. ``visit`` is which of a run's images this is.
 
     Raises
     ------
@@ -180,14 +170,9 @@ def radiation_map(
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Program POWER: what every element sends to the antenna, eq. (3-35); ``ground_k`` (n, m) is its temperature [K].
 
-    Returns
-    -------
-    antenna_k : float array (n_channels, n, m)
-        Antenna temperature the element alone would give, in kelvin of radiation; 0 if not seen.
-    offset : float array (n, m)
-        Displacement by height, towards higher row numbers [cells].
-    state : uint8 array (n, m)
-        Bits of `kernels_prm`: BLOCKED, NO_DATA.
+    Antenna temperature (n_channels, n, m) that the element alone would give, in kelvin of radiation, 0 if not seen;
+    displacement by height, towards higher row numbers (n, m) [cells]; bits of `kernels_prm`, uint8 (n, m): BLOCKED,
+    NO_DATA.
     """
     frame = met.frame
     dtype = frame.elevation_m.dtype
@@ -276,16 +261,7 @@ def scan_image(
 ) -> RadiometerImage:
     """Program SIMULATE: the sweep over the scene, the beam's sum over each footprint, the receiver's noise.
 
-    Parameters
-    ----------
-    met : Meeting
-    mapped : tuple of array
-        Of `radiation_map`.
-    radiometer : RadiometerConfiguration
-    noise : tuple of uint32
-        Key of its stream.
-    notes : tuple of str
-        Recorded with the image.
+    ``mapped`` is of `radiation_map`; ``noise`` keys its stream; ``notes`` are recorded with the image.
     """
     frame, scan = met.frame, met.scan
     antenna_k, offset, state = mapped
