@@ -15,6 +15,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
+import bench_psm
 from prm_cases import Table, radiometer, scene
 from shorthands import still_radiometer
 from synthetic import fractal_terrain
@@ -34,14 +36,7 @@ from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import Meeting, radiation_map, simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
-
-def best_of(n: int, call: Callable[[], object]) -> float:
-    times = []
-    for _ in range(n):
-        start = time.thread_time()
-        call()
-        times.append(time.thread_time() - start)
-    return min(times)
+best_of = partial(bench_psm.best_of, clock=time.thread_time)
 
 
 def naive(f: RadiometerFrame, emissivity: np.ndarray, ground: np.ndarray, air) -> np.ndarray:

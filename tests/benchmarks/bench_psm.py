@@ -128,6 +128,15 @@ def triad_gb_s() -> float:
     return 5 * a.nbytes / best_of(5, step) / 1e9
 
 
+def two_numbers(code: str) -> tuple[float, float]:
+    """What code prints in a new process that finds this module."""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True
+    )
+    one, other = (float(x) for x in done.stdout.split())
+    return one, other
+
+
 def first_call_s() -> tuple[float, float]:
     """Wall time and CPU time of the first image in a new process with compiled kernels on disk [s]."""
     code = (
@@ -135,11 +144,7 @@ def first_call_s() -> tuple[float, float]:
         "t, u = time.perf_counter(), time.process_time(); b.chain(s, r);"
         "print(time.perf_counter() - t, time.process_time() - u)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True
-    )
-    wall, cpu = (float(x) for x in done.stdout.split())
-    return wall, cpu
+    return two_numbers(code)
 
 
 def largest() -> tuple[float, float]:
@@ -150,11 +155,7 @@ def largest() -> tuple[float, float]:
         "t = time.process_time() - t; assert (i.pixel_of_cell >= 0).mean() > 0.99;"
         "print(t, int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) / 1e6)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True
-    )
-    seconds, memory = (float(x) for x in done.stdout.split())
-    return seconds, memory
+    return two_numbers(code)
 
 
 CAMPAIGN = """

@@ -111,12 +111,17 @@ def isothermal_air(depth_np: float, temperature_k: float, space_k: float) -> Atm
     return Atmosphere(np.full(10, depth_np / 10), np.full(10, temperature_k), np.linspace(0.0, 10.0, 11), space_k, ())
 
 
-def small_score(run_id: int) -> float:
-    """Percent correct of a small scene in one run; importable by worker processes."""
+def patchwork(cell_m: float) -> Scene:
+    """Fields of ten cells a side and three classes on rough ground."""
     rng = np.random.default_rng(9)
     patch = np.kron(rng.integers(0, 3, (12, 16)), np.ones((10, 10), dtype=int))
     field = np.kron(np.arange(12 * 16).reshape(12, 16), np.ones((10, 10), dtype=int))
-    s = scene(rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0), 10.0, patch, field)
+    return scene(rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0), cell_m, patch, field)
+
+
+def small_score(run_id: int) -> float:
+    """Percent correct of a small scene in one run; importable by worker processes."""
+    s = patchwork(10.0)
     table = Table((0.8, 0.85, 0.9), field_sd=0.02)
     found = simulate_radiometer(s, radiometer(channels=("H", "V")), table, seed=3, run_id=run_id)
     return percent_correct([found], s, seed=3, run_id=run_id).value

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import prm_cases
 from shorthands import percent_correct
 
 from seqrsm.jit import kernel
@@ -14,6 +15,7 @@ from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, out_of_order, paired_table, range_offset
 from seqrsm.simulate.radar.frame import RadarFrame
 from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.result import RadarImage
 
 
 @dataclass
@@ -172,20 +174,9 @@ def radar(**changes) -> RadarConfiguration:
     return RadarConfiguration(**{**given, **changes})
 
 
-def scene(elevation, cell_m=5.0, cover=None, field=None, categories=None) -> Scene:
-    elevation = np.asarray(elevation, dtype=np.float32)
-    cover = np.zeros(elevation.shape, dtype=np.uint8) if cover is None else np.asarray(cover, dtype=np.uint8)
-    n = int(cover[cover != 255].max()) + 1
-    categories = tuple(f"class {k}" for k in range(n)) if categories is None else categories
-    field = np.where(cover == 255, n, cover).astype(np.int32) if field is None else np.asarray(field, dtype=np.int32)
-    return Scene(
-        elevation_m=elevation,
-        cover=cover,
-        categories=categories,
-        field_id=field,
-        scored=(cover != 255) & np.isfinite(elevation),
-        cell_m=cell_m,
-    )
+def scene(elevation, cell_m=5.0, *layers, **named) -> Scene:
+    """As `prm_cases.scene`, of cells of 5 m."""
+    return prm_cases.scene(elevation, cell_m, *layers, **named)
 
 
 def frame(z, y0, height, cell, dtype=np.float64, curved=False) -> RadarFrame:
@@ -225,13 +216,14 @@ def mapped(z, y0, height, cell, configuration, dtype=np.float64, sigma0=lambda t
     return power_map(frame(z, y0, height, cell, dtype), configuration, lut_of(sigma0), np.ones((1, 1)))
 
 
+def quiet(s, r, table=None, **options) -> RadarImage:
+    """Image of even ground of -10 dB, or as a table has it."""
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
+
+
 def small_score(run_id: int) -> float:
     """Percent correct of a small three-class scene in one run; importable by worker processes."""
-    rng = np.random.default_rng(9)
-    patch = np.kron(rng.integers(0, 3, (12, 16)), np.ones((10, 10), dtype=int))
-    field = np.kron(np.arange(12 * 16).reshape(12, 16), np.ones((10, 10), dtype=int))
-    z = rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0)
-    s = scene(z, 5.0, patch, field)
+    s = prm_cases.patchwork(5.0)
     table = Table((-8.0, -10.0, -12.0), 0.1, field_sd_db=1.0, date_sd_db=0.5, channel_correlation=0.5)
     image = simulate_radar(s, radar(channels=("HH", "HV"), resolution_m=15.0), table, seed=3, run_id=run_id)
     return percent_correct([image], s, seed=3, run_id=run_id).value

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from psm_cases import Table, radar, scene
+from psm_cases import Table, quiet, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
@@ -31,10 +31,6 @@ def ppi(**changes):
         "pulse_length_us": 0.5,
     }
     return radar(**{**given, **changes})
-
-
-def quiet(s, r, table=None, **options):
-    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 def flat(n=160, cell=10.0, **layers):
@@ -189,20 +185,6 @@ def test_the_polar_grid_holds_the_heights_and_comes_back():
 def test_an_antenna_beyond_all_measure_is_refused_before_memory_is():
     with pytest.raises(ConfigurationError, match="Move the antenna closer"):
         quiet(flat(), ppi(antenna_east_m=900_000.0, altitude_m=90_000.0))
-
-
-def test_two_by_two_cells_are_seen():
-    image = quiet(flat(2), ppi(altitude_m=100.0, pulse_length_us=0.1, resolution_m=8.0))
-    assert np.isfinite(image.intensity).all()
-    assert image.mean_power.max() > 0.0
-
-
-def test_the_seam_at_north_does_not_show():
-    rng = np.random.default_rng(5)
-    z = rng.normal(0, 0.4, (120, 120)).cumsum(axis=0).cumsum(axis=1) * 0.05
-    one = quiet(scene(z, 5.0), ppi(), precision="float64").mean_power[0]
-    jump = np.abs(np.diff(np.concatenate([one, one[:, :1]], axis=1), axis=1)).mean(axis=0)
-    assert jump[-1] < 3.0 * np.median(jump)
 
 
 def test_tiles_of_a_ring_shaped_image_are_squares_of_250_m():

@@ -29,14 +29,9 @@ def test_footprint_at_nadir_is_the_square_of_the_resolution():
         )
 
 
-def test_footprints_lengthen_and_widen_to_the_sides():
+def test_neighbours_of_one_line_touch_and_do_not_overlap():
     scan = scan_geometry(radiometer(), 1000.0, 2000.0, 1000.0)
-    k = len(scan.look_rad) - 1
-    phi, half = scan.look_rad[k], 0.5 * scan.beamwidth_rad
-    assert footprint_across_m(scan)[k] == pytest.approx(1000.0 * (math.tan(phi + half) - math.tan(phi - half)))
-    assert footprint_along_m(scan)[k] == pytest.approx(50.0 / math.cos(phi))
-    assert footprint_across_m(scan)[k] / 50.0 == pytest.approx(1.0 / math.cos(phi) ** 2, rel=0.01)
-    # Neighbours of one line touch and do not overlap.
+    half = 0.5 * scan.beamwidth_rad
     edges = np.tan(scan.look_rad + half)[:-1], np.tan(scan.look_rad - half)[1:]
     np.testing.assert_allclose(*edges, atol=1e-12)
 
@@ -89,6 +84,7 @@ def brute_force(found, emitted, beam):
 
 @pytest.mark.parametrize(("name", "beam", "tolerance"), [
     ("gaussian", lambda u: np.where(np.abs(u) <= 1.75, np.exp(-4.0 * math.log(2.0) * u**2), 0.0), 0.02),
+    ("box", lambda u: np.clip(5.5 - 10.0 * np.abs(u), 0.0, 1.0), 0.05),  # cells are a tenth of a beam wide
     ("sidelobes", lambda u: np.where(np.abs(u) <= 8.0, np.sinc(0.8858929 * u) ** 2, 0.0), 0.05),
 ])  # fmt: skip
 def test_footprints_are_the_beam_weighted_means(name, beam, tolerance):
@@ -97,20 +93,6 @@ def test_footprints_are_the_beam_weighted_means(name, beam, tolerance):
     r = radiometer(beam=name, integration_time_ms=1e-3, altitude_m=800.0, scan_period_s=0.8, noise_temperature_k=0.0)
     found = image(s, r, Table((1.0,)), temperature_k=layer)
     np.testing.assert_allclose(found.mean_k[0], brute_force(found, layer, beam), atol=tolerance)
-
-
-def test_box_of_one_footprint_is_the_mean_of_its_cells():
-    # A square of 10 x 10 cells beneath the craft, with a box beam; the zigzag moves it by a fraction of a cell.
-    layer = np.random.default_rng(3).uniform(250.0, 330.0, (210, 240))
-    s = scene(np.zeros((210, 240)), 5.0)
-    found = image(
-        s, radiometer(beam="box", altitude_m=1e5, integration_time_ms=1e-3), Table((1.0,)), temperature_k=layer
-    )
-    middle = len(found.scan.look_rad) // 2
-    line = 2
-    centre = 50.0 * (line + 0.5)
-    expected = layer[100:110, int(centre / 5) - 5 : int(centre / 5) + 5].mean()
-    assert found.mean_k[0, middle, line] == pytest.approx(expected, abs=1.0)
 
 
 def test_beam_smaller_than_a_cell_and_larger_than_the_scene():
@@ -315,15 +297,11 @@ def test_headings_turn_the_scene():
     rng = np.random.default_rng(8)
     s = scene(rng.normal(0.0, 1.0, (40, 60)).cumsum(axis=0), 10.0, rng.integers(0, 2, (40, 60)))
     table = Table((0.4, 0.9))
-    east = image(s, radiometer(heading_deg=90.0), table)
     west = image(s, radiometer(heading_deg=270.0), table)
     turned = scene(np.rot90(s.elevation_m, 2), 10.0, np.rot90(s.cover, 2))
-    np.testing.assert_allclose(image(turned, radiometer(heading_deg=90.0), table).mean_k, west.mean_k)
-    assert east.pixel_of_cell.shape == west.pixel_of_cell.shape == s.shape
-    # What both see of a cell is much alike.
-    seen = [found.brightness_k[0].ravel()[found.pixel_of_cell.ravel()] for found in (east, west)]
-    assert min(found.pixel_of_cell.min() for found in (east, west)) >= 0
-    assert np.corrcoef(*seen)[0, 1] > 0.5
+    east = image(turned, radiometer(heading_deg=90.0), table)
+    np.testing.assert_allclose(east.mean_k, west.mean_k)
+    np.testing.assert_array_equal(np.rot90(east.pixel_of_cell, 2), west.pixel_of_cell)
 
 
 def test_no_data_is_left_out_of_the_sums():

@@ -168,12 +168,6 @@ def test_separation_and_a_single_order_stay_finite():
     assert found.scores.sum() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_all_equal_says_nothing():
-    found = fit_rankings([Ranking(0, ((0, 1, 2),))], 3, 1)
-    assert found.scores == pytest.approx(np.zeros(3), abs=1e-9)
-    assert np.isnan(found.agreement[0])
-
-
 def test_connected():
     rankings = [Ranking(0, ((0,), (1,))), Ranking(0, ((2,), (3,))), Ranking(1, ((4,), (1,)))]
     groups = connected(rankings, 6)
@@ -203,5 +197,6 @@ def test_rankings_that_say_nothing_leave_the_spread_that_is_assumed(n: int) -> N
     """All images equal: scores are 0, and vary about their mean as draws of that standard deviation do."""
     found = fit_rankings([Ranking(0, (tuple(range(n)),))], n, 1)
     np.testing.assert_array_equal(found.scores, 0.0)
+    assert np.isnan(found.agreement[0])
     left = ranking._LEAST_LEFT  # a fiftieth of a score's deviation is told at least
     np.testing.assert_allclose(found.se**2 * left, ranking.SPREAD_LOGIT**2 * (n - 1) / n, rtol=1e-3)

@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import sys
-from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
-
-import prm_cases
-from shorthands import left, met_on_time
+from shorthands import left
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS, SHIPPED, _c_band_db, fields_by_category, has_course, level_days, on_day
+from seqrsm.scattering.calendar import DAYS, SHIPPED, fields_by_category, has_course, level_days, on_day
 from seqrsm.scattering.curves import moisture_change_db
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.scattering.readers import DATA
+from seqrsm.scattering.readers import shipped_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, course_deviation, own_weights, related_by_frequency
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
-from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, look_up
+from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion
 from seqrsm.simulate.visits import (
     Visit,
     changing,
-    deviates,
     field_shift_days,
     half_lasting,
     moisture_share,
@@ -59,8 +49,7 @@ def radar(frequency=5.4, polarization="VV"):
 @pytest.mark.parametrize("channel", ["HV", "VV"])
 def test_c_band_goes_through_the_year_as_the_sites_did(channel):
     """A month less the level is the mean over sites of the month less their own summer, at 38 degrees."""
-    lines = [line for line in (DATA / "calendar_c_band.csv").read_text().splitlines() if not line.startswith("#")]
-    rows = [r for r in csv.DictReader(lines) if r["polarization"] == channel]
+    rows = [r.cells for r in shipped_rows("calendar_c_band.csv") if r.text("polarization") == channel]
     for month, day in ((1, 16), (5, 136), (7, 197), (10, 289)):
         level = TABLE.lookup(CROPS, 5.4, channel)
         found = 10.0 * np.log10(at(day, channel).sigma0[:, 38] / level.sigma0[:, 38])
@@ -77,8 +66,7 @@ def test_c_band_goes_through_the_year_as_the_sites_did(channel):
 
 def test_covers_with_a_course_are_those_whose_months_were_measured():
     """Bare soil goes through the year as it is: it has the fields' spread and history, and no course."""
-    lines = [line for line in (DATA / "calendar_c_band.csv").read_text().splitlines() if not line.startswith("#")]
-    measured = {row["category"] for row in csv.DictReader(lines)}
+    measured = {row.text("category") for row in shipped_rows("calendar_c_band.csv")}
     assert {name for name in fields_by_category() if has_course(name)} == measured == set(CROPS)
     course = at(15, categories=("Bareground", "Trees")).course
     np.testing.assert_array_equal([course.change_db, course.tilt_db_per_deg], 0.0)
@@ -87,37 +75,14 @@ def test_covers_with_a_course_are_those_whose_months_were_measured():
     assert [SHIPPED.closed(name, 15.0) for name in ("Bareground", "Trees")] == [0.0, 1.0]
 
 
-def test_known_seasons_of_known_crops():
-    """Cereals fall at stem elongation and come back (C-VV); maize rises and rapeseed drops (HV); grass is even."""
-    wheat = at(136, "VV").course.change_db[0]
-    assert wheat[135] < wheat[74] - 2.5
-    assert wheat[135] < wheat[227] - 2.5
-    corn = at(136, "HV").course.change_db[2]
-    assert corn[196] > corn[135] + 2.0
-    rapeseed = at(136, "HV").course.change_db[3]
-    assert rapeseed[165] > rapeseed[196] + 4.0
-    assert np.ptp(at(136, "VV").course.change_db[5]) < 2.0
-    broadleaf = at(200, "HV", 1.25).sigma0[:, 40]
-    assert 10 * np.log10(broadleaf[2] / broadleaf[0]) > 2.0  # L-HV tells maize from wheat in July
-
-
-def test_the_l_band_course_stands_on_the_flights():
-    for channel in ("HH", "HV", "VV"):
-        course = at(180, channel, 1.25).course
-        calm = [k for k, name in enumerate(CROPS) if name != "Rapeseed"]
-        mean = 10.0 * np.log10((10.0 ** (0.1 * course.change_db[:, 172:200])).mean(axis=1))
-        np.testing.assert_allclose(mean[calm], 0.0, atol=0.05)
-
-
 @pytest.mark.parametrize(("frequency", "share"), [(0.8, 0.0), (1.25, 0.0), (np.sqrt(1.25 * 5.4), 0.5)])
 def test_between_l_and_c_band_a_course_is_part_a_water_cloud_over_soil(frequency, share):
     """Attema and Ulaby 1978: own (1 - T) + soil T, 0 dB on the flights' days; 0.15 Np m2/kg at 1.4 GHz."""
-    lines = [line for line in (DATA / "calendar_canopy.csv").read_text().splitlines() if not line.startswith("#")]
     names = ("Wheat", "Corn", "Rapeseed", "Vegetables")
     found = TABLE.lookup(names, frequency, "VV", day=150).course
     level, soil = (TABLE.lookup(own, frequency, "VV").sigma0[:, 40] for own in (names, ["Bareground"]))
     for k, name in enumerate(names):
-        rows = [r for r in csv.DictReader(lines) if r["category"] == name]
+        rows = [r.cells for r in shipped_rows("calendar_canopy.csv") if r.text("category") == name]
         day, water, cover = (np.array([float(r[c]) for r in rows]) for c in ("day", "water_kg_m2", "cover_fraction"))
         rate = 2.0 * 0.15 * frequency / 1.4 / np.cos(np.deg2rad(40.0))
         through = np.exp(-rate * np.interp(DAYS, day, water, period=365))
@@ -199,21 +164,6 @@ def test_a_world_knows_how_far_bare_fields_lie_apart():
         assert drawn[CROPS.index(name)] == pytest.approx(own[CROPS.index(name)] * factor)
 
 
-def test_two_sites_of_c_band_depart_alike_over_bare_fields_and_not_over_crops():
-    """Maize and winter wheat, western France less central Europe, Sentinel-1: from November to March both are bare."""
-    text = (DATA / "calendar_c_band.csv").read_text(encoding="utf-8")
-    rows = list(csv.DictReader(line for line in text.splitlines() if line[0] != "#"))
-    for channel, bare_db, crops_db in (("VV", 1.0, 2.5), ("HV", 0.5, 3.3)):
-        year = {
-            (r["category"], r["source"]): np.array([float(r[f"month_{m}_db"]) for m in range(1, 13)])
-            for r in rows if r["polarization"] == channel and r["cover"] in ("maize", "winter wheat")
-        }  # fmt: skip
-        of_crop = [year[name, "s1_france_w"] - year[name, "s1_central_europe"] for name in ("Corn", "Wheat")]
-        apart = of_crop[0] - of_crop[1]
-        assert np.sqrt(np.mean(apart[[10, 11, 0, 1, 2]] ** 2)) == pytest.approx(bare_db, abs=0.06)
-        assert np.sqrt(np.mean(apart[4:8] ** 2)) == pytest.approx(crops_db, abs=0.06)
-
-
 def test_bare_fields_differ_as_much_whatever_was_sown():
     """By the seasonal and the lasting deviation of maize, soybean, sunflower, barley and wheat of western France."""
     fields = {
@@ -226,17 +176,6 @@ def test_bare_fields_differ_as_much_whatever_was_sown():
         assert corn == vegetables == bare == wanted
         summer = at(190, channel).field_sd_db
         assert summer[CROPS.index("Vegetables")] > 1.4 * summer[CROPS.index("Corn")]
-
-
-def test_fields_of_one_crop_and_day_differ_by_what_water_clouds_leave_of_them():
-    """SMAPVEX12: 2.0, 2.0 and 2.9 dB (HH, HV, VV), so the clouds' residuals are no error of a crop's mean."""
-    path = Path(__file__).parents[1] / "reference" / "data" / "smapvex12_lband.csv"
-    by_day = defaultdict(list)
-    for row in csv.DictReader(line for line in path.read_text().splitlines() if line[0] != "#"):
-        if row["HV"]:
-            by_day[row["crop"], row["date"]].append([float(row[p]) for p in ("HH", "HV", "VV")])
-    left = np.concatenate([np.array(v) - np.mean(v, axis=0) for v in by_day.values()])
-    assert np.sqrt((left**2).sum(axis=0) / (len(left) - len(by_day))) == pytest.approx([1.97, 2.04, 2.86], abs=0.03)
 
 
 @pytest.mark.parametrize(("frequency", "days"), [(1.25, slice(172, 200)), (5.4, slice(120, 243))])
@@ -266,33 +205,27 @@ def test_crops_share_part_of_their_departures_from_the_course():
     assert np.corrcoef(wheat, grass)[0, 1] == pytest.approx(0.25, abs=0.1)
 
 
+def emissivity(name, day):
+    """Of a cover at L band, H, at 40 degrees, of a soil moisture of 0.2."""
+    return float(load_emissivity_table().lookup((name,), 1.4, "H", day=day).emissivity[0, 6, 40])
+
+
 def test_emissivity_follows_the_water_of_the_canopy():
     """Bare maize ground is colder at L band than the crop in July, by what tau-omega says; grass does not change."""
     table = load_emissivity_table()
-
-    def emissivity(name, day):
-        return float(table.lookup((name,), 1.4, "H", day=day).emissivity[0, 6, 40])  # soil moisture 0.2, 40 degrees
-
     assert emissivity("Corn", 200) > emissivity("Corn", 100) + 0.02
     assert emissivity("Wheat", 150) > emissivity("Wheat", 250) + 0.05
     assert emissivity("Grass", 20) == pytest.approx(emissivity("Grass", 200))
     season = table.lookup(("Corn",), 1.4, "H").emissivity
     water = np.mean([SHIPPED.canopy_share("Corn", day) for day in range(173, 201)])
     assert water == pytest.approx(1.0, abs=0.02)
-    between = [table.lookup(("Corn",), 1.4, "H", day=day).emissivity[0, 6, 40] for day in (174, 200)]
+    between = [emissivity("Corn", day) for day in (174, 200)]
     assert min(between) < season[0, 6, 40] < max(between)
     assert table.lookup(("Asphalt",), 1.4, "H", day=20).emissivity == pytest.approx(
         table.lookup(("Asphalt",), 1.4, "H").emissivity
     )
     with pytest.raises(ScatteringDataError, match="no calendar"):
         SHIPPED.canopy_share("Hops", 100)
-
-
-def test_bands_near_each_other_see_nearly_the_same_fields():
-    low, high, next_to = (deviates(1, 2, "field", (40_000,), f) for f in (1.25, 5.4, 5.5))
-    assert np.corrcoef(low, high)[0, 1] == pytest.approx(0.3, abs=0.05)
-    assert np.corrcoef(high, next_to)[0, 1] > 0.99
-    assert low.std() == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(("other_ghz", "own"), [(5.4005, 0.0), (5.401, 0.0), (6.2, 1.0)])
@@ -441,23 +374,6 @@ def test_fields_differ_on_a_day_by_what_was_measured_on_such_days(name, frequenc
         shifted = on_day(looked.course.change_db[k], day + np.random.default_rng(1).normal(0.0, 8.0, 4000)).std()
         got = field_offsets((day,), name, frequency)[0].std()
         assert 0.9 * told < got < 1.1 * np.hypot(told, shifted)
-
-
-def test_fields_drawn_anew_would_make_dates_look_far_too_good():
-    """Two covers a decibel apart, nine dates: the mean over dates tells far fewer fields apart where they last."""
-    days = tuple(150.0 + 10.0 * t for t in range(9))
-    grass = field_offsets(days, "Grass")
-    kept = grass.mean(axis=0).std()
-    anew = np.mean([row.std() for row in grass]) / np.sqrt(len(days))
-    assert kept > 2.5 * anew
-    shown = stats.norm.cdf(0.5 / np.array([kept, anew]))
-    assert shown[1] - shown[0] > 0.15
-
-
-def test_days_run_from_the_first_to_the_last_of_the_year():
-    assert (DAYS[0], DAYS[-1], len(DAYS)) == (1.0, 365.0, 365)
-    first, last = (at(day).sigma0 for day in (1.0, 365.0))
-    np.testing.assert_allclose(10 * np.log10(first / last), 0.0, atol=0.2)
 
 
 def test_bare_months_fall_faster_with_the_angle():
@@ -629,15 +545,6 @@ def test_calibration_errs_for_all_covers_of_a_channel_alike():
     assert abs(np.corrcoef(errors[:, 0, 0], errors[:, 1, 0])[0, 1]) < 0.2
 
 
-def test_a_circular_wave_returns_half_the_sum():
-    """Of the like- and the cross-polarized echo; VH is HV."""
-    scene = SimpleNamespace(categories=CROPS)
-    own = [found for p in ("RH+RV", "VH") for found in look_up(scene, radar(polarization=p), TABLE, (0.2, 5.0))]
-    hh, hv, vv = (TABLE.lookup(CROPS, 5.4, channel).sigma0 for channel in ("HH", "HV", "VV"))
-    for found, expected in zip(own, (0.5 * (hh + hv), 0.5 * (vv + hv), hv), strict=True):
-        np.testing.assert_allclose(found.sigma0, expected)
-
-
 def test_values_on_days_are_those_of_numpy_across_the_ends_of_the_year():
     years = np.random.default_rng(4).normal(size=(3, 365))
     days = np.array([-400.2, -0.5, 0.0, 0.3, 1.0, 180.25, 364.0, 364.9, 365.0, 365.4, 366.0, 800.7])
@@ -673,23 +580,6 @@ def test_fields_keep_their_history_over_the_new_year():
     assert np.corrcoef(stats.norm.ppf(moist).T)[0, 1] == pytest.approx(expected, abs=0.09)
 
 
-def test_a_crop_without_course_in_c_band_is_named():
-    with pytest.raises(ScatteringDataError, match=r"calendar_c_band\.csv: VV: no course in C band.*Rice"):
-        _c_band_db("Rice", "VV")
-
-
-def test_bare_fields_emit_as_one_soil_in_any_world():
-    """What maize and vegetables reflect departs together in January, and each by itself in July."""
-    table, pair = load_emissivity_table(), ("Corn", "Vegetables")
-    for day, apart in ((15, False), (190, True)):
-        usual = 1.0 - table.lookup(pair, 1.4, "H", day=day).emissivity[:, 4, 40]
-        worlds = [table.in_world(World(6, k)).lookup(pair, 1.4, "H", day=day) for k in range(60)]
-        parts = np.array([(1.0 - world.emissivity[:, 4, 40]) / usual for world in worlds])
-        assert parts.std() > 0.02
-        assert (np.corrcoef(parts.T)[0, 1] < 0.8) == apart
-        assert apart or np.corrcoef(parts.T)[0, 1] > 0.999
-
-
 @pytest.mark.parametrize("frequency", [1.4, 10.7, 37.0])
 @pytest.mark.parametrize("channel", ["H", "V"])
 def test_bare_fields_emit_as_bare_soil_whatever_was_sown(frequency, channel):
@@ -712,11 +602,6 @@ def test_bare_fields_emit_as_bare_soil_whatever_was_sown(frequency, channel):
 
 def test_rapeseed_emits_by_the_water_of_its_own_canopy():
     """Sown in August it covers the ground in January, when the vegetables whose emissivity it has are not sown."""
-    table = load_emissivity_table()
-
-    def emissivity(name, day):
-        return float(table.lookup((name,), 1.4, "H", day=day).emissivity[0, 6, 40])  # soil moisture 0.2, 40 degrees
-
     assert SHIPPED.canopy_share("Rapeseed", 15) == pytest.approx(0.74, abs=0.01)
     day = next(d for d in range(150, 200) if SHIPPED.canopy_share("Vegetables", d) > 0.737)
     assert emissivity("Rapeseed", 15) == pytest.approx(emissivity("Vegetables", day), abs=0.01)
@@ -789,19 +674,3 @@ def test_ground_of_fall_has_the_power_of_its_bare_part():
     )
     added = wet - dry
     assert added[0] == pytest.approx(0.85 * added[1], rel=1e-9)
-
-
-def test_weather_does_not_tell_bare_fields_by_their_emission():
-    """In January maize, vegetables and bare soil depart from the table as one, in July each by itself."""
-    covers = ("Bareground", "Corn", "Vegetables")
-    table, sensor = load_emissivity_table(), prm_cases.radiometer(frequency_ghz=10.7, channels=("H", "V"))
-    ground = prm_cases.scene(np.zeros((4, 4)), 10.0, np.zeros((4, 4)), np.zeros((4, 4)), covers)
-    for day, apart in ((15.0, 0.0), (190.0, 1.0)):
-        looked = [table.lookup(covers, 10.7, channel, day=day) for channel in "HV"]
-        drawn = [met_on_time(sensor, looked, ground, Visit((day,)), seed=8, run_id=k).class_offset for k in range(400)]
-        offset = np.array(drawn) / looked[0].date_part  # (runs, channels, covers)
-        np.testing.assert_allclose(offset.std(axis=0), 1.0, atol=0.1)
-        for one, other in ((0, 1), (1, 2)):
-            away = (offset[:, :, one] - offset[:, :, other]).std(axis=0)
-            np.testing.assert_allclose(away, apart * math.sqrt(2.0), rtol=0.15, atol=1e-12)
-        assert np.corrcoef(offset[:, 0, 1], offset[:, 1, 1])[0, 1] == pytest.approx(0.9, abs=0.03)

@@ -53,14 +53,6 @@ def test_radars_that_flew_keep_every_rule(radar: RadarConfiguration, swath_km: f
 
 
 def test_what_cannot_be_says_which_rule_and_by_how_much() -> None:
-    assert margins(replace(SENTINEL_IW2, prf_hz=3500.0), 250.0)["swath against pulse rate"] < 0.5
-    small = replace(SENTINEL_IW2, antenna_gain_db=SENTINEL_IW2.antenna_gain_db - 10.0)
-    ratio = (
-        margins(small, 85.0)["antenna area against ambiguities"]
-        / margins(SENTINEL_IW2, 85.0)["antenna area against ambiguities"]
-    )
-    assert ratio == pytest.approx(0.1)
-    assert margins(small, 85.0)["antenna area against ambiguities"] < 1.0
     bright = replace(SENTINEL_IW2, antenna_gain_db=55.0)
     assert margins(bright, 85.0)["gain against beam"] < 1.0
     assert margins(replace(SENTINEL_IW2, speed_m_s=100.0), 85.0)["speed against orbit"] < 0.1

@@ -56,14 +56,6 @@ def test_oxygen_hides_the_ground_and_the_windows_beside_it_show_it():
         assert float(make_atmosphere(f).transmission(0.0)) == pytest.approx(shown, abs=0.025)
 
 
-def test_second_package_gives_the_same_loss_for_the_standard_atmosphere():
-    own = NODES["frequency_ghz"] <= 100.0
-    for part in ("dry", "wet"):
-        a, b, f = (NODES[name][own] for name in (f"P676_13_{part}_db", f"USstd_{part}_db", "frequency_ghz"))
-        assert (np.abs(a - b)[f <= 36.0] < 0.03).all()
-        assert (np.abs(a - b)[(f < 53.0) | (f > 67.0)] < 0.12).all()
-
-
 @pytest.mark.parametrize(
     ("f", "db"), [(105.0, 1.025), (113.0, 1.690), (125.0, 1.786), (150.0, 1.980), (165.5, 3.243), (170.0, 4.372)]
 )

@@ -75,16 +75,6 @@ def test_layer_of_temperature_comes_back_and_is_checked(tmp_path: Path) -> None:
     assert small(elevation_m=z, scored=scored, temperature_k=hole).temperature_k is hole
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.0 / 3.0, 100.0])
-def test_elevation_comes_back_exactly(tmp_path: Path, factor: float) -> None:
-    """Whole centimetres are packed, others and tall ones are not; both come back to the bit."""
-    z = (np.arange(12.0).reshape(3, 4) * factor).astype(np.float32)
-    save_scene(small(elevation_m=z), tmp_path / "s.npz")
-    np.testing.assert_array_equal(load_scene(tmp_path / "s.npz").elevation_m, z)
-    with np.load(tmp_path / "s.npz") as archive:
-        assert ("elevation_cm" in archive.files) == (factor == 1.0)
-
-
 def test_the_same_scene_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
         save_scene(synthetic_scene(20, 30, 5.0, categories=["A", "B"], relief_m=10.0, seed=3), tmp_path / name)

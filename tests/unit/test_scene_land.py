@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from synthetic import synthetic_scene
 
 from seqrsm.scene.fields import _mix, connected_patches, draw_index, hash_uniform, voronoi_labels
-from seqrsm.scene.statistics import scene_statistics
 from seqrsm.scene.terrain import rms_slope, slopes
 
 
@@ -70,17 +68,3 @@ def test_slopes_of_a_plane() -> None:
     assert got_east == pytest.approx(np.full((6, 8), 0.3), abs=1e-6)
     assert got_north == pytest.approx(np.full((6, 8), 0.1), abs=1e-6)  # row 0 is north: rows go south
     assert rms_slope(0.3 * east - 0.1 * north, 5.0) == pytest.approx(np.sqrt(0.05))
-
-
-def test_statistics_of_a_drawn_scene() -> None:
-    scene = synthetic_scene(
-        200, 300, 5.0, categories=["Wheat", "Corn"], field_m=100.0,
-        relief_m=30.0, seed=4,
-    )  # fmt: skip
-    found = scene_statistics(scene)
-    assert (found.low_m, found.high_m) == pytest.approx((0.0, 30.0), abs=1e-4)
-    assert found.rms_slope == pytest.approx(rms_slope(scene.elevation_m, 5.0))
-    assert found.n_fields == pytest.approx(11 * 16, rel=0.2)  # pieces cut by the edges count
-    assert found.median_field_m2 == pytest.approx(1e4, rel=0.4)
-    assert found.category_fractions["Wheat"] == pytest.approx(0.5, abs=0.15)
-    assert found.scored_fraction == 1.0

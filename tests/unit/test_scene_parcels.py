@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_scene_raster import write
-from typer.testing import CliRunner
+from test_scene_raster import command, write
 
-from seqrsm.cli.app import app
 from seqrsm.scene.fields import cut_patches
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.raster import import_scene
@@ -64,11 +62,6 @@ def test_large_patches_are_cut_to_the_stated_size_and_small_ones_are_not():
     assert 60 < np.median(sizes) < 140
     assert np.array_equal(fields, cut_patches(patch, 10, np.zeros(patch.shape, dtype=bool), seed=1))
     assert not np.array_equal(fields, cut_patches(patch, 10, np.zeros(patch.shape, dtype=bool), seed=2))
-
-
-def command(files, out, *more):
-    given = [word for name, file in files.items() for word in (f"--{name}", str(file))]
-    return CliRunner().invoke(app, ["scene", "import", *given, "--out", str(out), *more])
 
 
 def test_the_command_tells_of_fields_and_warns_of_large_ones(files, tmp_path):

@@ -262,11 +262,9 @@ def test_the_command_imports_elevation_cover_moisture_and_gaps(files, tmp_path):
 
 
 def test_the_command_refuses_with_the_remedy_and_writes_nothing(files, tmp_path):
-    degrees = write(tmp_path / "d.tif", np.zeros((30, 30), np.float32), 0.001, 4.7, 50.9, model=2, code=4326)
     tifffile.imwrite(tmp_path / "plain.tif", np.zeros((30, 30), np.float32))
     percent = write(tmp_path / "p.tif", np.full((80, 90), 20.0, np.float32), 4.0, left=1000.0, top=5010.0)
     for change, words, more in (
-        ({"elevation": degrees}, ("degrees", "gdalwarp"), ()),
         ({"elevation": tmp_path / "plain.tif"}, ("no georeference", "gdal_translate -a_srs", "placed.tif"), ()),
         ({"legend": tmp_path / "none.csv"}, ("none.csv",), ()),
         ({"cover": tmp_path / "none.tif"}, ("none.tif",), ()),

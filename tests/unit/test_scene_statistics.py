@@ -61,5 +61,6 @@ def test_ground_of_no_cover_is_no_field() -> None:
     field = np.pad(scene.field_id, ((0, 80), (0, 0)), constant_values=scene.n_fields)
     found = scene_statistics(replace(scene, cover=cover, field_id=field, **rest))
     assert (found.n_fields, found.median_field_m2) == (all_of_it.n_fields, all_of_it.median_field_m2)
+    assert found.category_fractions == {"Wheat": np.mean(scene.cover == 0), "Trees": np.mean(scene.cover == 1)}
     bare = replace(scene, cover=np.full_like(scene.cover, NO_COVER), scored=np.zeros_like(scene.scored))
     assert scene_statistics(bare).n_fields == 0

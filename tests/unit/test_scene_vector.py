@@ -7,10 +7,8 @@ import json
 import numpy as np
 import pytest
 from matplotlib.path import Path as Ring
-from test_scene_raster import write
-from typer.testing import CliRunner
+from test_scene_raster import command, write
 
-from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
 from seqrsm.scene.raster import import_scene
 
@@ -89,18 +87,14 @@ def test_rings_that_cross_themselves_hold_what_a_ray_leaves_an_odd_number_of_tim
         assert np.array_equal(import_scene(**files).scored, odd)
 
 
-def test_parcels_divide_a_cover_as_polygons_and_as_a_raster(files, tmp_path):
+def test_parcels_divide_a_cover(files, tmp_path):
     files["cover"] = write(tmp_path / "c.tif", np.ones((ROWS, COLS), np.uint8), CELL)
-    assert import_scene(**files).n_fields == 1
     polygons = layer(tmp_path / "p.geojson", ({"id": "a"}, "Polygon", [STAR]), ({"id": "b"}, "Polygon", [HOLE]))
     drawn = np.where(inside(HOLE), 2, np.where(inside(STAR), 1, 0)).astype(np.uint8)
-    # A parcel raster may be smaller than the site: beyond it there is no parcel.
-    raster = write(tmp_path / "p.tif", drawn[:, 10:], CELL, left=LEFT + 10 * CELL)
-    for parcels in (polygons, raster):
-        fields = import_scene(**files, layers={"parcels": parcels}).field_id
-        for k in (0, 1, 2):
-            assert not set(np.unique(fields[drawn == k])) & set(np.unique(fields[drawn != k]))
-        assert len(np.unique(fields[drawn == 2])) == 1
+    fields = import_scene(**files, layers={"parcels": polygons}).field_id
+    for k in (0, 1, 2):
+        assert not set(np.unique(fields[drawn == k])) & set(np.unique(fields[drawn != k]))
+    assert len(np.unique(fields[drawn == 2])) == 1
     cut = import_scene(**files, layers={"parcels": polygons}, field_m=50.0).field_id
     assert len(np.unique(cut[drawn == 2])) == 1
     assert len(np.unique(cut[drawn == 0])) > 50
@@ -112,11 +106,6 @@ def test_only_truth_is_scored_and_it_overrules_the_cover(files, tmp_path):
     assert np.array_equal(scene.scored, inside(HOLE))
     assert (scene.cover[inside(HOLE)] == 1).all()
     assert np.array_equal(scene.cover[~inside(HOLE)], import_scene(**files).cover[~inside(HOLE)])
-
-
-def command(files, out, *more):
-    given = [word for name, file in files.items() for word in (f"--{name}", str(file))]
-    return CliRunner().invoke(app, ["scene", "import", *given, "--out", str(out), *more])
 
 
 WHEAT = ({"code": 1}, "Polygon", [EDGE])

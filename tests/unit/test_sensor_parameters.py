@@ -1,4 +1,4 @@
-"""The table of sensor parameters against all that must agree with it: fields, defaults, docstrings, campaign.toml."""
+"""The table of sensor parameters against all that must agree with it: fields, defaults, campaign.toml."""
 
 from __future__ import annotations
 

@@ -19,6 +19,11 @@ from seqrsm.spec.sensors import without_effect
 
 FIXED = {"polarization": "HH+HV", "bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 45.0}
 
+PASSIVE = {
+    "engine": "prm", "frequency": 1.4, "polarization": "H+V", "resolution": 300.0, "integration_time": 10.0,
+    "bandwidth": 20.0, "noise_temperature": 500.0, "scan_period": 1.0, "speed_m_s": 60.0,
+}  # fmt: skip
+
 
 def made(settings, members=None, **fixed):
     return acquisitions_of("psm", settings, {**FIXED, **fixed}, members or {})
@@ -48,11 +53,7 @@ def test_each_member_has_its_own_before_what_holds_for_all() -> None:
 
 
 def test_a_radiometer_beside_a_radar() -> None:
-    passive = {
-        "engine": "prm", "frequency": 1.4, "polarization": "H+V", "resolution": 300.0, "integration_time": 10.0,
-        "bandwidth": 20.0, "noise_temperature": 500.0, "scan_period": 1.0, "speed_m_s": 60.0,
-    }  # fmt: skip
-    radar, radiometer = made({"frequency": "C+passive", "resolution": 20.0}, {"passive": passive}, first_day=150.0)
+    radar, radiometer = made({"frequency": "C+passive", "resolution": 20.0}, {"passive": PASSIVE}, first_day=150.0)
     assert (radar.engine, radiometer.engine) == ("psm", "prm")
     assert (radiometer.sensor.resolution_m, radiometer.sensor.day_of_year) == (300.0, 150.0)
     assert radiometer.visit.day == radar.visit.day == 150.0
@@ -60,12 +61,8 @@ def test_a_radiometer_beside_a_radar() -> None:
 
 def test_a_series_over_the_new_year_is_one_season() -> None:
     """Days count on, so that gaps are right; what people and the sun are told is the day of the year."""
-    radiometer = {
-        "engine": "prm", "frequency": 1.4, "polarization": "H", "resolution": 300.0, "integration_time": 10.0,
-        "bandwidth": 20.0, "noise_temperature": 500.0, "scan_period": 1.0, "speed_m_s": 60.0,
-    }  # fmt: skip
     when = {"dates": 6, "first_day": 300.0, "interval_days": 20.0}
-    found = made({"frequency": "passive", "resolution": 20.0, **when}, {"passive": radiometer})
+    found = made({"frequency": "passive", "resolution": 20.0, **when}, {"passive": PASSIVE})
     assert [one.record()["day"] for one in found] == [300.0, 320.0, 340.0, 360.0, 15.0, 35.0]
     assert [one.sensor.day_of_year for one in found] == [300.0, 320.0, 340.0, 360.0, 15.0, 35.0]
     assert found[4].label == "passive, day 15"

@@ -36,6 +36,7 @@ def test_decibels() -> None:
         ("bandwidth", 500.0, "kHz", 0.5),
         ("peak_power", 2.5, "kW", 2500.0),
         ("depression_angle", np.pi / 4, "rad", 45.0),
+        ("frequency", 1.25e9, "Hz", 1.25),
         ("integration_time", 0.1, "s", 100.0),
         ("scan_period", 250.0, "ms", 0.25),
         ("looks", 4.0, "", 4.0),
@@ -51,6 +52,6 @@ def test_values_in_the_unit_of_a_parameter(parameter: str, value: float, unit: s
 
 def test_units_of_different_kinds_have_no_factor() -> None:
     assert units.unit_factor("m", "GHz") is None
-    assert units.unit_factor("", "m") is None
+    assert units.unit_factor("", "m") is units.unit_factor("m", "") is units.unit_factor("furlong", "m") is None
     assert units.units_like("GHz") == ("GHz", "MHz", "kHz", "Hz")
     assert units.units_like("furlong") == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
-from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.scattering.readers import shipped_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency, related_covers
 from seqrsm.simulate.visits import deviates, related_fields
@@ -71,6 +71,7 @@ def test_covers_of_a_class_are_related_as_their_departures_are(kin: tuple[str, s
 
 
 def test_h_and_v_of_emissivity_part_as_the_square_of_the_sine() -> None:
+    """By a tenth: TELSEM2, file `correlations`, has 0.94 for five classes of land at 53 deg, 19 and 37 GHz."""
     h, v = (drawn("Wheat", "", 1.4, polarization, 45) for polarization in ("H", "V"))
     assert np.corrcoef(h, v)[0, 1] == pytest.approx(1.0 - 0.1 * 0.5, abs=0.01)
 
@@ -99,9 +100,8 @@ def test_a_world_has_the_emissivity_off_by_a_part_of_what_is_reflected(frequency
 
 def levels() -> dict[tuple[str, float, str], dict[str, float]]:
     """Measured level of a category by source."""
-    columns = ("category", "cover", "frequency_ghz", "polarization", "theta_deg", "sigma0_db", "status", "source")
     found: dict = {}
-    for r in read_rows(DATA / "levels.csv", columns):
+    for r in shipped_rows("levels.csv"):
         if r.text("status") == "measured":
             key = r.text("category"), float(r.text("frequency_ghz")), r.text("polarization")
             plain = TABLE.lookup([key[0]], key[1], key[2])
@@ -194,10 +194,3 @@ def test_emissivities_of_two_frequencies_are_related_as_those_of_an_atlas(one, o
     for channel, told in (("V", of_v), ("H", of_h)):
         draws = [[World(3, k).departure("Grass", "", ghz, channel)[50] for k in range(4000)] for ghz in (one, other)]
         assert np.corrcoef(draws)[0, 1] == pytest.approx(np.mean(told), abs=0.08)
-
-
-def test_h_and_v_of_a_cover_depart_as_those_of_an_atlas():
-    """The same file, at 53 deg, 19 and 37 GHz: 0.94 of the five classes on average."""
-    told = (0.96, 0.96, 0.96, 0.94, 0.92, 0.96, 0.95, 0.95, 0.92, 0.88)
-    draws = [[World(3, k).departure("Grass", "", 19.35, channel)[53] for k in range(4000)] for channel in "HV"]
-    assert np.corrcoef(draws)[0, 1] == pytest.approx(np.mean(told), abs=0.02)
