@@ -371,10 +371,6 @@ def _c_band_db(category: str, channel: str) -> FloatArray:
     """Course (365,) in C band [dB]: mean over sites, straight lines between the middles of the months."""
     every = shipped_rows("calendar_c_band.csv")
     rows = [r for r in every if (r.text("category"), r.text("polarization")) == (category, channel)]
-    if not rows:
-        raise ScatteringDataError(
-            "no course in C band of this category", file="calendar_c_band.csv", field=channel, value=category
-        )
     months = np.array([[float(r.text(f"month_{m}_db")) for m in range(1, 13)] for r in rows])
     own = months - months[:, _SUMMER].mean(axis=1, keepdims=True)
     source = np.array([r.text("source") for r in rows])

@@ -39,8 +39,6 @@ class Coherence:
 
     mean: AnyArray
     """(n_categories,): mean of HH times conjugate VV over the root of both powers [1]."""
-    mean_sd: FloatArray
-    """(n_categories,): standard deviation of either part of it about that of a given ground [1]."""
     status: tuple[str, ...]
     """What each cover's rests on."""
     notes: tuple[str, ...]
@@ -70,17 +68,17 @@ def coherence(
     of the ground that a cover hides, 0 to 1; the rest is bare soil. ``own``: nodes of covers in a user's table,
     frequency rising, in place of the shipped ones.
     """
-    mean, sd, status, notes = np.empty(len(categories), complex), np.empty(len(categories)), [], []
+    mean, status, notes = np.empty(len(categories), complex), [], []
     for k, name in enumerate(categories):
         nodes = own.get(name) or _shipped().get(name) or _shipped()[""]
-        mean[k], sd[k], rests_on, told = _at_frequency(tuple(nodes), frequency_ghz)
+        mean[k], sd, rests_on, told = _at_frequency(tuple(nodes), frequency_ghz)
         status.append(rests_on)
         notes.append(f"{name}: {told}")
         if world is not None:
-            mean[k] += sd[k] * complex(*_departure(world.seed, world.numbers(name)[1], name, frequency_ghz))
+            mean[k] += sd * complex(*_departure(world.seed, world.numbers(name)[1], name, frequency_ghz))
     if np.any(np.asarray(closed) < 1.0):
         mean = closed * mean + (1.0 - np.asarray(closed)) * coherence((BARE_SOIL,), frequency_ghz, world, 1.0, own).mean
-    return Coherence(limited(mean), sd, tuple(status), tuple(notes))
+    return Coherence(limited(mean), tuple(status), tuple(notes))
 
 
 @lru_cache(maxsize=64)

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.constants import wavenumber_rad_m
 from seqrsm.scattering.models import (
     Backscatter,
@@ -52,6 +53,13 @@ MOISTURE_FELT: Final = (0.04, 0.45)
 _BAGHDADI16_THETA_DEG = (18.0, 57.0)
 MODEL_THETA: Final[FloatArray] = np.deg2rad(np.minimum(THETA_DEG, 89.0))
 """Angles at which models are asked [rad]; beyond 75 degrees constant gamma takes over."""
+
+
+def whole_degrees(theta_deg: ArrayLike) -> tuple[IntArray, FloatArray]:
+    """Place on `THETA_DEG` at or before angles [deg], and the part of the way to the next."""
+    position = np.minimum(np.asarray(theta_deg, dtype=np.float64), THETA_DEG[-1])
+    k = np.minimum(position.astype(np.int64), THETA_DEG.size - 2)
+    return k, position - k
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,10 +27,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import SHIPPED, Calendar, season_depth
-from seqrsm.scattering.curves import THETA_DEG, shares_of
+from seqrsm.scattering.curves import THETA_DEG, shares_of, whole_degrees
 from seqrsm.scattering.emissivity_curves import POLARIZATIONS, EmissivityCurve, between_nodes, read_curves
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, permittivity_soil, permittivity_water_ulaby14, reflectivity_fresnel
@@ -148,7 +148,7 @@ class EmissivityLookup:
 
     def at_angles(self, theta_deg: ArrayLike) -> FloatArray:
         """Emissivity (n_categories, n_moistures, ...) at look angles, linear between whole degrees."""
-        k, part = _whole_degrees(theta_deg)
+        k, part = whole_degrees(theta_deg)
         return np.asarray((1.0 - part) * self.emissivity[:, :, k] + part * self.emissivity[:, :, k + 1])
 
     def at_nodes(self, nodes: Sequence[int]) -> FloatArray:
@@ -158,7 +158,7 @@ class EmissivityLookup:
 
 def of_mixtures(value: FloatArray, share: FloatArray, theta_deg: FloatArray) -> FloatArray:
     """Sums (..., n) over covers of values (n_categories, n, 91), at angles (...) by shares (..., n_categories)."""
-    k, part = _whole_degrees(theta_deg)
+    k, part = whole_degrees(theta_deg)
     table = np.ascontiguousarray(np.moveaxis(value, -1, 0))
     above = share * part[..., None]
     return np.asarray(((share - above)[..., None, :] @ table[k] + above[..., None, :] @ table[k + 1])[..., 0, :])
@@ -167,13 +167,6 @@ def of_mixtures(value: FloatArray, share: FloatArray, theta_deg: FloatArray) -> 
 def departed(emissivity: FloatArray, part: FloatArray) -> FloatArray:
     """Emissivity, within 0 and 1, of ground that reflects less by some part."""
     return np.clip(1.0 - (1.0 - emissivity) * (1.0 - part), 0.0, 1.0)
-
-
-def _whole_degrees(theta_deg: ArrayLike) -> tuple[IntArray, FloatArray]:
-    """Place on `THETA_DEG` at or before angles [deg], and the part of the way to the next."""
-    position = np.minimum(np.asarray(theta_deg, dtype=np.float64), THETA_DEG[-1])
-    k = np.minimum(position.astype(np.int64), THETA_DEG.size - 2)
-    return k, position - k
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from seqrsm.scattering.curves import THETA_DEG, whole_degrees
 from seqrsm.scattering.sigma0 import Sigma0Lookup
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.earth import range_geometry
@@ -68,15 +69,14 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
     for each channel; the occasion's class offsets are applied.
     """
     out = np.empty((len(lookups), lookups[0].sigma0.shape[0], LUT_STEPS + 2))
+    k, part = _steps_between()
     for c, lookup in enumerate(lookups):
-        nodes = np.asarray(lookup.theta_deg, dtype=np.float64)
-        k, part = _steps_between(nodes.tobytes())
         sigma0, offset_db = lookup.sigma0, occasion.class_offset_db[c][:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             level = np.log(sigma0) + LN10_OVER_10 * offset_db
             low = level[:, k]
             np.exp(part * (level[:, k + 1] - low) + low, out=out[c])
-        last = k == len(nodes) - 2
+        last = k == THETA_DEG.size - 2
         low, high = sigma0[:, -2:-1], sigma0[:, -1:]
         out[c][:, last] = (low + part[last] * (high - low)) * db_to_linear(offset_db)
         if not (sigma0 > 0.0).all():
@@ -86,14 +86,11 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
     return out
 
 
-@lru_cache(maxsize=8)
-def _steps_between(nodes: bytes) -> tuple[AnyArray, FloatArray]:
-    """For each step of the table of sigma0: the node [deg] at or before it, and the part of the way to the next."""
-    theta_deg = np.frombuffer(nodes)
+@cache
+def _steps_between() -> tuple[IntArray, FloatArray]:
+    """For each step of the table of sigma0: the angle of `THETA_DEG` at or before it, and the part of the way on."""
     q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
-    at_deg = np.rad2deg(2.0 * np.arcsin(q))
-    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2)
-    return k, np.clip((at_deg - theta_deg[k]) / (theta_deg[k + 1] - theta_deg[k]), 0.0, 1.0)
+    return whole_degrees(np.rad2deg(2.0 * np.arcsin(q)))
 
 
 def field_factors(occasion: Occasion) -> FloatArray:

@@ -272,7 +272,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     rows, cols = scene.shape
     cell = scene.cell_m
     corner = math.hypot(0.5 * cols * cell + abs(east_m), 0.5 * rows * cell + abs(north_m))
-    rings = max(math.ceil(corner / cell), 1)
+    rings = math.ceil(corner / cell)
     pixels = max(4 * round(0.5 * math.pi / beamwidth_rad), 4)  # around
     wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
     columns = (pixels + 2) * wide
