@@ -10,6 +10,7 @@ from psm_cases import Table, quiet, radar, scene
 from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.score.pixels import pixels_of
 from seqrsm.simulate.radar.frame import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -179,6 +180,10 @@ def test_the_polar_grid_holds_the_heights_and_comes_back():
     assert np.abs(back - s.elevation_m).max() < 0.5 * math.hypot(0.2, 0.1) * 1.5
     kinds = polar.cover.ravel()[polar.cell_of_scene]
     assert (kinds == s.cover).mean() > 0.97
+    # Beyond north to either side the first and last bearings come again.
+    wide, known = polar.wrapped, np.where(polar.cover == NO_COVER, np.nan, polar.elevation_m)
+    np.testing.assert_allclose(known[:, :wide], known[:, -2 * wide : -wide], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(known[:, -wide:], known[:, wide : 2 * wide], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(bilinear(z, np.array([[1.25]]), np.array([[2.5]])), 3.0 + 0.25 - 0.25)
 
 
