@@ -50,21 +50,11 @@ def _to_json(value: Any) -> str:
 
 
 class Database:
-    """One campaign's database, open.
+    """One campaign's database, open: an SQLite file, or a URL such as ``postgresql+psycopg://host/name``.
 
-    Parameters
-    ----------
-    location : Path or str
-        SQLite file, or an SQLAlchemy URL such as ``postgresql+psycopg://host/name``.
-    create : bool
-        Make the tables when there are none; otherwise their absence is an error.
-    campaign : str
-        Name that a new database gets; an existing one of another name is refused when this is not empty.
-
-    Raises
-    ------
-    StoreError
-        It cannot be opened: missing, read-only, damaged, of another version, or another campaign's.
+    ``create``: make the tables when there are none; otherwise their absence is an error. ``campaign`` is the name that
+    a new database gets; an existing one of another name is refused when this is not empty. StoreError where it cannot
+    be opened: missing, read-only, damaged, of another version, or another campaign's.
     """
 
     def __init__(self, location: Path | str, *, create: bool = False, campaign: str = "") -> None:
@@ -182,9 +172,8 @@ class Database:
                 message, remedy = "the address of the database is not usable", f'Write url = "{_SERVER}user@host/name".'
                 raise StoreError(message, remedy, field="[store] url", value=self.label) from None
             except ImportError as error:
-                raise StoreError(
-                    f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"'
-                ) from None
+                message = f"the driver of the database is missing ({error})"
+                raise StoreError(message, 'Run: pip install "seqrsm[postgres]"') from None
         else:
             query = {"uri": "true"} | ({"mode": "ro", "immutable": "1"} if self.read_only else {"mode": "rw"})
             url = sa.URL.create("sqlite", database=self.path.absolute().as_uri(), query=query)
@@ -238,10 +227,10 @@ class Database:
                 _name(draft, path)
                 self._made = True
         except (OSError, exc.DBAPIError) as error:
-            message = (
-                f"the database cannot be made ({error.orig if isinstance(error, exc.DBAPIError) else error.strerror})"
-            )
-            raise StoreError(message, "Check that its folder may be written.", file=str(path)) from None
+            why = error.orig if isinstance(error, exc.DBAPIError) else error.strerror
+            raise StoreError(
+                f"the database cannot be made ({why})", "Check that its folder may be written.", file=str(path)
+            ) from None
         finally:
             draft.unlink(missing_ok=True)
 
@@ -264,9 +253,8 @@ class Database:
             for sign, message, remedy in _EXPLANATIONS:
                 if sign in text.lower():
                     raise StoreError(f"{message} ({text})", remedy, file=self.label) from error
-            raise StoreError(
-                f"the database refused ({text})", "Nothing was changed; try again.", file=self.label
-            ) from error
+            remedy = "Nothing was changed; try again."
+            raise StoreError(f"the database refused ({text})", remedy, file=self.label) from error
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise StoreError(f"the database holds damaged text ({error})", _RESTORE, file=self.label) from error
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 
@@ -15,19 +15,16 @@ from seqrsm.store.database import utc_now
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, TRANSITIONS
 
+T = TypeVar("T")
+
 MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
 
 class Ledger:
-    """Reads and writes runs, scores and events over one connection.
+    """Reads and writes runs, scores and events over one connection, in a transaction; ``seed`` goes into every event.
 
-    Parameters
-    ----------
-    connection : sqlalchemy.Connection
-        In a transaction; for changes, one that is alone in writing.
-    seed : int or None
-        Written into every event.
+    For changes it is one that is alone in writing.
     """
 
     def __init__(self, connection: sa.Connection, seed: int | None = None) -> None:
@@ -66,6 +63,15 @@ class Ledger:
             remedy = "`seqrsm export` lists them."
             raise StoreError(*(Problem("there is no such run", remedy, field="run", value=i) for i in missing))
         return states
+
+    def ids(self, *where: sa.ColumnElement[bool], most: int | None = None) -> tuple[int, ...]:
+        """Ids of the runs that meet the conditions, in order; so many, the first, or all."""
+        query = sa.select(RUNS.c.id).where(*where).order_by(RUNS.c.id).limit(most)
+        return tuple(self.connection.execute(query).scalars())
+
+    def records(self, kind: Callable[..., T], table: sa.Table, *where: sa.ColumnElement[bool]) -> tuple[T, ...]:
+        """Rows of a table that meet the conditions, in order, as records that have its columns."""
+        return tuple(kind(*row) for row in self.connection.execute(sa.select(table).where(*where).order_by(table.c.id)))
 
     def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:
         """Runs that meet the condition, by id, with their scores."""
@@ -107,10 +113,8 @@ class Ledger:
             for i, run in enumerate(runs)
         ]
         self.connection.execute(sa.insert(RUNS), rows)
-        told = ("batch", "purpose")
-        self.log(
-            "proposed", [(row["id"], {**{n: row[n] for n in told}, "run_digest": run_digest(row)}) for row in rows]
-        )
+        told = [{"batch": batch, "purpose": row["purpose"], "run_digest": run_digest(row)} for row in rows]
+        self.log("proposed", [(row["id"], detail) for row, detail in zip(rows, told, strict=True)])
         if not made:
             self.log("issued", [(row["id"], {"from": "proposed"}) for row in rows])
         return tuple(row["id"] for row in rows)
@@ -176,10 +180,10 @@ class Ledger:
         now = utc_now()
         rows = [{**_score_row(score), "run_id": run_id, "scored_at": now} for run_id, score in scores]
         self.connection.execute(sa.insert(SCORES), rows)
-        digests = self._digests({row["run_id"] for row in rows})
-        self.log(
-            "scored", [(row["run_id"], {**_scored_detail(row), "run_digest": digests[row["run_id"]]}) for row in rows]
-        )
+        ids = [row["run_id"] for row in rows]
+        digests = self._digests(set(ids))
+        told = [{**_scored_detail(row), "run_digest": digests[row["run_id"]]} for row in rows]
+        self.log("scored", list(zip(ids, told, strict=True)))
 
 
 def unusable(run_id: int, new: NewScore) -> Problem | None:

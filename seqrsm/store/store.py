@@ -61,16 +61,8 @@ def _place(location: Path | str, url: str | None) -> Path | str:
 class Store:
     """A campaign's store, open. Use `Store.open`, best in a ``with`` statement.
 
-    Attributes
-    ----------
-    campaign : str
-        The campaign's name.
-    seed : int or None
-        Written into every event.
-    label : str
-        File or address, for messages; without a password.
-    note : str
-        What is to be known of the place, "" mostly.
+    ``seed`` is written into every event; ``label`` is its file or address, for messages, without a password; ``note``
+    is what is to be known of the place, "" mostly.
     """
 
     def __init__(self, database: Database, seed: int | None = None) -> None:
@@ -94,25 +86,11 @@ class Store:
         campaign: str = "",
         seed: int | None = None,
     ) -> Store:
-        """Open the store of a campaign.
+        """Open the store of a campaign: ``campaign.db`` in its folder, or what ``[store] url`` names in place of that.
 
-        Parameters
-        ----------
-        location : Path or str
-            The campaign's folder; the store is its ``campaign.db``.
-        url : str, optional
-            ``[store] url`` of campaign.toml; takes the place of the file. An SQLite file's counts from the folder.
-        create : bool
-            Make the tables when there are none.
-        campaign : str
-            Name in campaign.toml: given to a new store, compared with that of an existing one.
-        seed : int, optional
-            The campaign's seed, for the events.
-
-        Raises
-        ------
-        StoreError
-            Missing, not writable, damaged, written by a newer seqrsm, or another campaign's.
+        An SQLite file's address counts from the folder. ``create``: make the tables when there are none. ``campaign``,
+        the name in campaign.toml, is given to a new store, and compared with that of an existing one. StoreError:
+        missing, not writable, damaged, written by another version, or another campaign's.
         """
         return cls(Database(_place(location, url), create=create, campaign=campaign), seed)
 
@@ -149,29 +127,22 @@ class Store:
         if not runs:
             return ()
         with self._decide() as ledger:
-            if budget is not None and ledger.n_used() + len(runs) > budget:
-                message = (
-                    f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
-                )
+            if budget is not None and (used := ledger.n_used()) + len(runs) > budget:
+                message = f"{used} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
                 raise StoreError(message, "Raise [stop] max_runs.", field="max_runs", value=budget)
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1)
 
     def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
         """Issue failed runs again, named ones or all whose failure did not lie with their settings; return their ids.
 
-        ``attempts``: of all only those that were begun less often; without it attempts are counted anew.
-
-        Raises
-        ------
-        StoreError
-            A run that is named did not fail.
+        ``attempts``: of all only those that were begun less often; without it attempts are counted anew. StoreError
+        where a run that is named did not fail.
         """
         failed = [RUNS.c.state == "failed", RUNS.c.fault != "settings"]
         if attempts is not None:
             failed.append(RUNS.c.attempts < attempts)
         with self._write() as ledger:
-            query = sa.select(RUNS.c.id).where(*failed).order_by(RUNS.c.id)
-            ids = tuple(run_ids) or tuple(ledger.connection.execute(query).scalars())
+            ids = tuple(run_ids) or ledger.ids(*failed)
             if wrong := [i for i, state in ledger.states(ids).items() if state != "failed"]:
                 raise StoreError(*(Problem("this run has not failed", field="run", value=i) for i in wrong))
             values = {"owner": "", "reason": "", "fault": ""} | ({"attempts": 0} if attempts is None else {})
@@ -179,17 +150,12 @@ class Store:
             return ids
 
     def claim(self, most: int | None = None) -> tuple[RunRecord, ...]:
-        """Take issued simulations for this process to carry out; no two processes get the same run.
+        """Take issued simulations, now "running", for this process to carry out; no two processes get the same run.
 
         ``most``: so many at once, the first; all by default.
-
-        Returns the runs, now in state "running".
         """
-        free = (RUNS.c.state == "issued", RUNS.c.source == "simulation")
-        query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id).limit(most)
         with self._write() as ledger:
-            ids = tuple(ledger.connection.execute(query).scalars())
-            now = utc_now()
+            ids, now = ledger.ids(RUNS.c.state == "issued", RUNS.c.source == "simulation", most=most), utc_now()
             values = {"started_at": now, "seen_at": now, "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
             ledger.move(ids, "running", values, detail={"owner": _this_process()})
             return ledger.runs(RUNS.c.id.in_(ids))
@@ -197,12 +163,8 @@ class Store:
     def record_scores(self, run_id: int, scores: Sequence[NewScore]) -> bool:
         """Record the scores of a run's applications, each once, together; durable when this returns.
 
-        False when the run had exactly these scores already (a worker that was thought dead came back).
-
-        Raises
-        ------
-        StoreError
-            Unknown or void run, another score there already, or a number that is no score.
+        False when the run had exactly these scores already (a worker that was thought dead came back). StoreError of an
+        unknown or void run, another score there already, or a number that is no score.
         """
         with self._write() as ledger:
             problems, fresh = ledger.new_scores(run_id, scores)
@@ -231,16 +193,14 @@ class Store:
     def release(self) -> tuple[int, ...]:
         """Issue again the runs that this process still holds; returns their ids."""
         with self._write() as ledger:
-            held = (RUNS.c.state == "running", RUNS.c.owner == _this_process())
-            ids = tuple(ledger.connection.execute(sa.select(RUNS.c.id).where(*held).order_by(RUNS.c.id)).scalars())
+            ids = ledger.ids(*_held())
             ledger.move(ids, "issued", {"owner": ""}, kind="released")
             return ids
 
     def beat(self) -> None:
         """Say that this process is alive: nobody else takes its runs for another `LEASE_S`."""
-        held = (RUNS.c.state == "running", RUNS.c.owner == _this_process())
         with self._write() as ledger:
-            ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
+            ledger.connection.execute(sa.update(RUNS).where(*_held()).values(seen_at=utc_now()))
 
     def release_stale(self) -> tuple[int, ...]:
         """Issue again the runs whose process died; return their ids.
@@ -263,12 +223,8 @@ class Store:
     def ingest_files(self, files: Sequence[IngestedFile], *, dry_run: bool = False) -> tuple[IngestOutcome, ...]:
         """Take in files of measured scores and rankings, in order; all of them or none.
 
-        One whose content was taken in before changes nothing. ``dry_run``: do everything, then undo it.
-
-        Raises
-        ------
-        StoreError
-            With every row that cannot be taken in; nothing was changed.
+        One whose content was taken in before changes nothing. ``dry_run``: do everything, then undo it. StoreError with
+        every row that cannot be taken in; nothing was changed.
         """
         with self._write() as ledger:
             outcomes = ingest_files(ledger, files)
@@ -291,10 +247,8 @@ class Store:
         """
         with self._decide() as ledger:
             row = {"after_run": after_run, "application": application, "summary": plain(summary)}
-            result = ledger.connection.execute(
-                sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
-            )
-            number = int(result.scalar_one())
+            insert = sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
+            number = int(ledger.connection.execute(insert).scalar_one())
             told = {name: row[name] for name in ("after_run", "application")}
             ledger.log("look", [(None, {"look": number, **told, "look_digest": look_digest(plain(summary))})])
             return number
@@ -334,19 +288,15 @@ class Store:
 
     def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
         """Looks in order; only those of one application."""
-        query = sa.select(LOOKS).order_by(LOOKS.c.id)
-        if application is not None:
-            query = query.where(LOOKS.c.application == application)
+        of_one = () if application is None else (LOOKS.c.application == application,)
         with self._read() as ledger:
-            return tuple(LookRecord(*row) for row in ledger.connection.execute(query))
+            return ledger.records(LookRecord, LOOKS, *of_one)
 
     def events(self, *, kind: str | None = None) -> tuple[EventRecord, ...]:
         """Events in order; only those of one kind."""
-        query = sa.select(EVENTS).order_by(EVENTS.c.id)
-        if kind is not None:
-            query = query.where(EVENTS.c.kind == kind)
+        of_one = () if kind is None else (EVENTS.c.kind == kind,)
         with self._read() as ledger:
-            return tuple(EventRecord(*row) for row in ledger.connection.execute(query))
+            return ledger.records(EventRecord, EVENTS, *of_one)
 
     def n_used(self) -> int:
         """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
@@ -371,17 +321,10 @@ class Store:
             return tuple(ranking_summary(ledger, name) for name in names)
 
     def verify(self) -> None:
-        """See that runs, scores and events are what was written.
-
-        Raises
-        ------
-        StoreError
-            What was changed behind the program's back.
-        """
+        """See that runs, scores and events are what was written; StoreError tells what was changed by others."""
         with self._read() as ledger:
-            events = (EventRecord(*row) for row in ledger.connection.execute(sa.select(EVENTS).order_by(EVENTS.c.id)))
-            looks = [LookRecord(*row) for row in ledger.connection.execute(sa.select(LOOKS))]
             self._known = ledger.last_event(), ledger.runs(sa.true())
+            looks, events = ledger.records(LookRecord, LOOKS), ledger.records(EventRecord, EVENTS)
             found = list(changes(self._known[1], looks, events))
         if found:
             remedy = "Restore the database from a copy."
@@ -428,6 +371,11 @@ def _this_process() -> str:
     return f"{socket.gethostname()}:{os.getpid()}:{_TOKEN}"
 
 
+def _held() -> tuple[sa.ColumnElement[bool], ...]:
+    """Of the runs that this process carries out."""
+    return RUNS.c.state == "running", RUNS.c.owner == _this_process()
+
+
 def _is_gone(owner: str) -> bool:
     """Whether the process "host:pid:token" ran here and is no more; on Windows, where asking would kill, never."""
     host, pid, token = owner.rsplit(":", 2) if owner.count(":") >= 2 else ("", "", "")
@@ -438,10 +386,8 @@ def _is_gone(owner: str) -> bool:
         return token != _TOKEN
     try:
         os.kill(int(pid), 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:
-        return False
+    except OSError as error:  # it is there, too, where it is another user's
+        return isinstance(error, ProcessLookupError)
     return False
 
 
