@@ -44,13 +44,7 @@ there. Once the quadratic is refuted, the process itself tells where to look; se
 
 
 def start_size(spec: CampaignSpec) -> int:
-    """Runs of the initial design: at most the budget.
-
-    Raises
-    ------
-    SpecError
-        The budget cannot even determine the model and its noise.
-    """
+    """Runs of the initial design: at most the budget; SpecError where that cannot determine the model and its noise."""
     model = spec.quadratic
     least = model.p + CENTRE_REPEATS - 1
     if spec.stop.max_runs < least:
@@ -209,7 +203,6 @@ class _Chooser:
             of_flight = self.difference()[1]
             weights = np.where(flights, of_flight * weights, weights)
             weight *= of_flight if source == "flight" else 1.0
-        cost = self.spec.cost.compared(source)
         return propose_batch(
             self.model,
             self.spec.region,
@@ -219,12 +212,12 @@ class _Chooser:
                 weights=weights,
                 prior_precision=precision,
                 df_pure_error=df_pure_error,
-                barred=barred if len(barred) else None,
+                barred=barred,
             ),
             self.sought(two, common),
             n,
             PLAN if self.analysis.fitted.departure.process is None else FOR_THE_OPTIMUM,
-            source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
+            source=Source(rows, weight, self.spec.cost.compared(source)),
             seed=batch_seed(self.spec.seed, len(done)),
         )
 
@@ -291,22 +284,12 @@ def next_batch(
     source: str,
     failed: Sequence[RunRecord] = (),
 ) -> list[NewRun]:
-    """The next runs; several applications take turns, by weight.
+    """The next ``n`` runs; several applications take turns, by weight.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-    analyses : sequence of Analysis
-        One for each application, of the scores so far.
-    active : sequence of RunRecord
-        Scored and pending runs; pending ones count as made. A batch of flights is flown on one day: one of which
-        nothing is scored on its own, what is left over of another with the new runs.
-    n : int
-        Runs wanted.
-    source : "simulation", "flight" or "best"
-        Who will make them; "best" takes for each run the source that gains more for its cost.
-    failed : sequence of RunRecord
-        Settings that could not be carried out; nothing is proposed beside them.
+    ``active`` are scored and pending runs; pending ones count as made. A batch of flights is flown on one day: one of
+    which nothing is scored on its own, what is left over of another with the new runs. ``source``: "simulation",
+    "flight" or "best", which takes for each run the source that gains more for its cost. Settings that ``failed`` could
+    not be carried out; nothing is proposed beside them.
     """
     region = spec.region
     barred = region.code([run.proposed for run in failed]) if failed else np.empty((0, region.k))

@@ -22,27 +22,19 @@ from seqrsm.propose.known import Evidence, Known, Sought, percent
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """One run to be made.
-
-    Attributes
-    ----------
-    point : ndarray (k,)
-        Coded settings, feasible.
-    purpose : str
-        "optimum" (value there), "regret" (place of it), "repeat" (pure error), or "spread" (whole region, lack of fit).
-    gain : float
-        Drop of the criterion per unit of cost; only comparable within a purpose.
-    why : str
-        One line with the number behind it.
-    repeats : bool
-        The settings were run, or are pending, already.
-    """
+    """One run to be made."""
 
     point: FloatArray
+    """(k,): coded settings, feasible."""
     purpose: str
+    """"optimum" (value there), "regret" (place of it), "repeat" (pure error), or "spread" (whole region, lack of
+    fit)."""
     gain: float
+    """Drop of the criterion per unit of cost; only comparable within a purpose."""
     why: str
+    """One line with the number behind it."""
     repeats: bool
+    """The settings were run, or are pending, already."""
 
 
 class Criterion(Protocol):
@@ -167,28 +159,12 @@ def propose_batch(
     source: Source | None = None,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Choose the next ``n`` runs.
+    """Choose the next ``n`` >= 0 runs, by default of a ``source`` with the rows of ``model``, weight 1 and equal cost.
 
     Each run is proposed by the criterion whose turn it is, given all runs before it in the batch: as a rule the
     candidate with the largest gain per cost. Candidates cover the region, the estimated optimum and posterior draws of
-    it with a cloud around them, and the executed settings.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-    evidence : Evidence
-        Runs made and pending.
-    sought : Sought
-        The optimum, as far as it is known.
-    n : int
-        Runs to propose, >= 0.
-    plan : Plan
-        Criteria and their shares; shares are counted over the whole campaign, so that one run in four is kept for any
-        size of batch.
-    source : Source, optional
-        Who makes the runs; by default such as have the rows of ``model``, weight 1 and equal cost.
-    seed : int
-        Fixes the cloud; equal inputs and seed give equal proposals.
+    it with a cloud around them, which ``seed`` fixes, and the executed settings. The shares of the ``plan`` are counted
+    over the whole campaign, so that one run in four is kept for any size of batch.
     """
     if n <= 0:
         return ()

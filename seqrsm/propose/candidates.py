@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,21 +19,14 @@ _REFINE_POINTS = 48
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Who makes the next runs: what a run of theirs tells, and costs.
-
-    Attributes
-    ----------
-    rows : callable, optional
-        Model rows of new runs, where these are not simply those of the model.
-    weight : float
-        Relative weight of a new run.
-    cost : callable, optional
-        Cost > 0 of coded points (n, k) -> (n,); divides the gain.
-    """
+    """Who makes the next runs: what a run of theirs tells, and costs."""
 
     rows: Rows | None = None
+    """Model rows of new runs, where these are not simply those of the model."""
     weight: float = 1.0
-    cost: Callable[[FloatArray], FloatArray] | None = None
+    """Relative weight of a new run."""
+    cost: float = 1.0
+    """> 0: divides the gain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +46,11 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Coded settings (n, k) with their model rows (n, p), whether they were run already, and cost."""
+    """Coded settings (n, k) with their model rows (n, p), and whether they were run already."""
 
     points: FloatArray
     rows: FloatArray
     executed: BoolArray
-    cost: FloatArray
 
     def choice(self, index: int, gain: float) -> Choice:
         """One of them, with its gain per cost."""
@@ -83,7 +74,7 @@ class Search:
     def best(self, gain: Rows, allowed: BoolArray) -> Choice:
         """Best allowed candidate by ``gain`` of rows; one that was not run yet is moved a little where that gains."""
         here = self.candidates
-        gains = np.where(allowed, gain(here.rows) / here.cost, -np.inf)
+        gains = np.where(allowed, gain(here.rows) / self.source.cost, -np.inf)
         index = first_of_largest(gains)
         found = here.choice(index, gains[index])
         if found.executed or not self._region.continuous:
@@ -95,7 +86,7 @@ class Search:
             if not len(near):
                 continue
             moved = self._evaluate(near, np.zeros(len(near), dtype=bool))
-            gains = gain(moved.rows) / moved.cost
+            gains = gain(moved.rows) / self.source.cost
             index = first_of_largest(gains)
             if gains[index] > found.gain:
                 found = moved.choice(index, gains[index])
@@ -114,20 +105,17 @@ class Search:
             np.vstack([old.points[other], new.points]),
             np.vstack([old.rows[other], new.rows]),
             np.concatenate([old.executed[other], new.executed]),
-            np.concatenate([old.cost[other], new.cost]),
         )
 
     def _evaluate(self, points: FloatArray, executed: BoolArray) -> Candidates:
-        of, rows = self.source.cost, self.source.rows or self.known.model.matrix
-        cost = np.ones(len(points)) if of is None else np.asarray(of(points), dtype=np.float64)
-        return Candidates(points, self.known.padded(rows(points)), executed, cost)
+        rows = self.source.rows or self.known.model.matrix
+        return Candidates(points, self.known.padded(rows(points)), executed)
 
 
 def clear_of(points: FloatArray, barred: FloatArray | None, region: Region) -> BoolArray:
     """Points (n, k) that are not beside settings that could not be carried out, ``barred`` (b, k)."""
-    if barred is None or not len(barred):
+    if barred is None:
         return np.ones(len(points), dtype=np.bool_)
-    barred = np.atleast_2d(np.asarray(barred, dtype=np.float64))
     free = list(region.continuous)
     held = [j for j in range(region.k) if j not in free]
     near = np.all(np.abs(points[:, None, free] - barred[None, :, free]) <= _BARRED_RADIUS, axis=-1)
@@ -160,20 +148,9 @@ def _cloud(region: Region, x_hat: FloatArray, targets: FloatArray, rng: np.rando
 
 
 def _candidate_points(known: Known, done: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
-    """Candidates for the next runs: points that cover the region, the optimum and draws of it, a cloud, what is done.
+    """Candidates (n, k), distinct and feasible, executed ones first; and which were executed (n,).
 
-    Parameters
-    ----------
-    known : Known
-    done : ndarray (r, k)
-        Executed settings.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    points : ndarray (n, k)
-        Distinct and feasible, executed ones first.
-    executed : ndarray (n,) of bool
+    They are points that cover the region, the optimum and draws of it, a cloud, and the settings ``done`` (r, k).
     """
     region, x_hat, targets = known.region, known.x_hat, known.targets
     fresh = np.vstack([_cover(region), x_hat[None, :], targets, _cloud(region, x_hat, targets, rng)])

@@ -72,7 +72,7 @@ def cloud_of(
     seed: int | np.random.Generator,
     pending: FloatArray | None = None,
 ) -> tuple[Cloud, np.random.Generator]:
-    """The cloud of a seed, and the generator to draw from it by.
+    """The `Cloud` of a seed, and the generator to draw from it by.
 
     It is placed once for the intervals of a look and the runs that are proposed after it.
     """
@@ -88,18 +88,10 @@ def cloud_of(
 class Cloud:
     """Places round the optima of draws of a process, with the surface's joint distribution there.
 
-    Attributes
-    ----------
-    points : ndarray (m, k)
-        Coded and feasible; of the executed and pending ones the forty best.
-    executed : ndarray (m,) of bool
-        Run already, or pending.
-    means, covariances : ndarray (d, m), (d, m, m)
-        For each draw of the process's hyperparameters; ``means`` rise towards the goal.
-    mean, covariance : ndarray (m,), (m, m)
-        Over all draws.
-    noise, block : float
-        Variance of a run of weight 1, and of the effect of a block.
+    ``points`` (m, k) are coded and feasible, of the executed and pending ones the forty best; ``executed`` (m,) were
+    run or are pending. ``means`` (d, m), which rise towards the goal, and ``covariances`` (d, m, m) are those of each
+    draw of the hyperparameters, ``mean`` and ``covariance`` those over all. ``noise`` and ``block`` are variances of a
+    run of weight 1 and of the effect of a block.
     """
 
     def __init__(
@@ -112,21 +104,9 @@ class Cloud:
         rng: np.random.Generator,
         pending: FloatArray | None = None,
     ) -> None:
-        """Place the cloud.
+        """Place the cloud about the recommended settings ``x_hat`` (k,) and the executed ones ``made`` (r, k).
 
-        Parameters
-        ----------
-        process : Process
-        region : Region
-        x_hat : ndarray (k,)
-            Recommended settings.
-        made : ndarray (r, k)
-            Executed settings.
-        sign : float
-            1 where the score is maximized, -1 where minimized.
-        rng : numpy.random.Generator
-        pending : ndarray (w, k), optional
-            Settings of runs that have no score yet.
+        ``sign`` is 1 where the score is maximized, -1 where minimized; runs at ``pending`` (w, k) have no score yet.
         """
         process = process.some(FEW)
         still = made[region.feasible(made, tol=1e-9)]
@@ -174,22 +154,14 @@ class Cloud:
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """Runs before those that are chosen.
-
-    Attributes
-    ----------
-    settings : ndarray (r, k)
-        Coded, of scored and pending runs.
-    pending : ndarray (r,) of bool or int
-        0 of scored runs; of others the new block that they will be made in, 1 being that of the runs to come.
-    barred : ndarray (b, k), optional
-        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
-        leaves nothing.
-    """
+    """Runs before those that are chosen."""
 
     settings: FloatArray
+    """(r, k): coded, of scored and pending runs."""
     pending: BoolArray | IntArray
+    """(r,): 0 of scored runs; of others the new block that they will be made in, 1 being that of the runs to come."""
     barred: FloatArray | None = None
+    """(b, k): as of `Evidence`."""
 
 
 def new_blocks(pending: Iterable[int]) -> list[int]:
@@ -209,31 +181,15 @@ def propose_from_process(
     far: bool = False,
     seed: int = 0,
 ) -> tuple[Proposal, ...]:
-    """Choose the next ``n`` runs, each given all before it.
+    """Choose the next ``n`` >= 0 runs, each given all before it; arguments that are not told here are those of `Cloud`.
 
     A run is judged by what it takes, on average over the process's hyperparameters, off the variance of the value at
-    the recommended settings, and off the variance of what these lose against the optimum. Where there are blocks,
-    the runs are made in one new block, whose effect has to be told from the surface by them.
+    the recommended settings, and off the variance of what these lose against the optimum. Where there are blocks, the
+    runs are made in one new block, whose effect has to be told from the surface by them.
 
-    Parameters
-    ----------
-    process : Process
-        Of the scored runs.
-    region : Region
-    x_hat : ndarray (k,)
-        Recommended settings, coded.
-    runs : Runs
-    n : int
-        Runs to propose, >= 0.
-    weight : float
-        Relative weight of a new run.
-    sign : float
-        1 where the score is maximized, -1 where minimized.
-    far : bool
-        Choose one run in four among the places that are farthest from all runs, while there are large boxes without;
-        none where there are levels alone.
-    seed : int
-        Equal inputs and seed give equal proposals.
+    New runs have a relative ``weight``. With ``far`` one run in four is chosen among the places that are farthest from
+    all runs, while there are large boxes without; none where there are levels alone. Equal inputs and seed give equal
+    proposals.
     """
     made, pending = runs.settings, runs.pending
     waits, blocks = pending > 0, new_blocks(pending.tolist())
@@ -304,12 +260,8 @@ def _root(covariance: FloatArray) -> FloatArray:
 class _Ahead:
     """What is known of the surface at m places, and of new blocks, while runs are counted as made.
 
-    Attributes
-    ----------
-    cross : ndarray (m, m)
-        Covariance of the surface and of the scores that runs of the last block would have, from column to column.
-    total : ndarray (m,)
-        Variance of these scores.
+    ``cross`` (m, m): covariance of the surface and of the scores that runs of the last block would have, from column to
+    column; ``total`` (m,): variance of these scores.
     """
 
     def __init__(self, covariance: FloatArray, noise: float, block: float, blocks: int = 1) -> None:

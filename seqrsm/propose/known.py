@@ -31,72 +31,44 @@ _MAX_TARGETS = 128
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Runs made and pending, and what was known before them.
-
-    Attributes
-    ----------
-    rows : ndarray (r, p) or (r, p + e)
-        Model rows of all scored and pending runs; e further columns (blocks) are nuisance and zero for new runs.
-    points : ndarray (r, k), optional
-        Coded settings of these runs, which repeats are chosen from.
-    weights : ndarray (r,), optional
-        Relative weights of these runs; 1 by default.
-    prior_precision : ndarray (p, p) or (p + e, p + e), optional
-        Added to Z'WZ, in units of 1/sigma squared. Where runs and prior together leave a coefficient undetermined,
-        0.01 (coefficients within 10 sigma) is added.
-    df_pure_error : int
-        Degrees of freedom of pure error, with those that pending repeats will bring.
-    barred : ndarray (b, k), optional
-        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
-        leaves nothing.
-    """
+    """Runs made and pending, and what was known before them."""
 
     rows: FloatArray
+    """(r, p) or (r, p + e): model rows; e further columns (blocks) are nuisance and zero for new runs."""
     points: FloatArray | None = None
+    """(r, k): coded settings, which repeats are chosen from."""
     weights: FloatArray | None = None
+    """(r,): relative weights; 1 by default."""
     prior_precision: FloatArray | None = None
+    """(p, p) or (p + e, p + e): added to Z'WZ, in units of 1/sigma squared."""
     df_pure_error: int = 0
+    """Degrees of freedom of pure error, with those that pending repeats will bring."""
     barred: FloatArray | None = None
+    """(b, k): settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless
+    that leaves nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sought:
-    """The optimum that is sought, as far as it is known.
-
-    Attributes
-    ----------
-    x_hat : ndarray (k,)
-        Estimated optimum, coded.
-    points : ndarray (m, k)
-        Optima of posterior draws, coded; 64 or more are advised.
-    rows : callable, optional
-        Model rows of the runs that the campaign is about, where these are not simply those of the model: a simulated
-        run has no discrepancy, the flights that it is to predict have.
-    common : float
-        Variance of what a future run has beyond its own error, in units of sigma squared: its day's effect.
-    """
+    """The optimum that is sought, as far as it is known."""
 
     x_hat: FloatArray
+    """(k,): estimated optimum, coded."""
     points: FloatArray
+    """(m, k): optima of posterior draws, coded; 64 or more are advised."""
     rows: Rows | None = None
+    """Model rows of the runs that the campaign is about, where these are not simply those of the model: a simulated run
+    has no discrepancy, the flights that it is to predict have."""
     common: float = 0.0
+    """Variance of what a future run has beyond its own error, in units of sigma squared: its day's effect."""
 
 
 class Known:
-    """The unscaled covariance of the coefficients, which falls with every run taken, and the contrasts that matter.
+    """The unscaled covariance C (p, p) of the coefficients, nuisance columns too, and the contrasts that matter.
 
-    Attributes
-    ----------
-    C : ndarray (p, p)
-        Unscaled covariance, of nuisance columns too.
-    weight : float
-        Relative weight of a new run.
-    x_hat, targets : ndarray (k,), (m, k)
-        Where the optimum is, as estimated and by at most 128 posterior draws.
-    value, regret : ndarray (p, p)
-        See `optimum_targets`.
-    df_pure_error : int
-        With the repeats taken.
+    ``x_hat`` (k,) and ``targets`` (m, k), at most 128, are where the optimum is, as estimated and by posterior draws;
+    ``value`` and ``regret`` those of `optimum_targets`; ``weight`` that of a new run. C and ``df_pure_error`` follow
+    the runs taken.
     """
 
     def __init__(
@@ -142,21 +114,10 @@ def percent(share: float) -> str:
 
 
 def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatArray | None) -> FloatArray:
-    """``(Z'WZ + prior)^-1``, with a weak prior where these do not determine all coefficients.
+    """``(Z'WZ + prior)^-1`` (p, p), symmetric, of rows Z (n, p) with weights (n,) > 0, 1 by default.
 
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Rows of scored and pending runs.
-    weights : ndarray (n,), optional
-        Relative weights, > 0.
-    prior : ndarray (q, q), optional
-        Precision of the first q <= p coefficients, in units of 1/sigma squared.
-
-    Returns
-    -------
-    ndarray (p, p)
-        Symmetric. Where the runs and the prior are not enough, 0.01 was added: coefficients within 10 sigma.
+    ``prior`` (q, q) is the precision of the first q <= p coefficients, in units of 1/sigma squared. Where runs and
+    prior leave a coefficient undetermined 0.01 is added to all: coefficients within 10 sigma.
     """
     Z = np.asarray(Z, dtype=np.float64)
     root = np.ones(len(Z)) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64))
@@ -183,11 +144,7 @@ def optimum_targets(z_hat: FloatArray, z_star: FloatArray) -> tuple[FloatArray, 
     ``trace(W_regret C)`` is the mean variance of the difference between the place where the optimum seems to be and
     those where posterior draws put it, which is what choosing wrongly costs; ``trace(W_value C)`` is `VALUE` times that
     of the estimated response at the optimum, where it seems to be (one half) and where the draws put it (the other).
-
-    Parameters
-    ----------
-    z_hat, z_star : ndarray (p,), (s, p)
-        Model rows at the estimated optimum, and at the optima of s posterior draws.
+    ``z_hat`` (p,) and ``z_star`` (s, p) are the model rows there.
     """
     s = max(len(z_star), 1)
     spread = z_star - z_hat

@@ -285,10 +285,8 @@ def test_batch_does_not_pile_up() -> None:
 
 def test_cost_divides_the_gain() -> None:
     data = campaign(2)
-    dear = propose(**data, n=6, spread_share=0.0, cost=lambda x: np.where(x[:, 0] > 0.0, 1000.0, 1.0))
-    assert all(p.point[0] <= 0.0 for p in dear)
     same = propose(**data, n=1, spread_share=0.0)[0]
-    half = propose(**data, n=1, spread_share=0.0, cost=lambda x: np.full(len(x), 2.0))[0]
+    half = propose(**data, n=1, spread_share=0.0, cost=2.0)[0]
     assert half.gain == pytest.approx(0.5 * same.gain)
 
 
