@@ -51,20 +51,11 @@ class Comparison:
 
 
 def compared(sensor: FloatArray, other: FloatArray, rule: Sufficing, level: float, runs: float) -> Comparison:
-    """Compare a sensor with the optimum, or with another sensor, from simulations.
+    """Compare a sensor with the optimum, or with another sensor, from simulations; ``level``: of both intervals.
 
-    Parameters
-    ----------
-    sensor : ndarray (places, worlds, occasions)
-        Scores at places of its swath, any of which the ground may lie at.
-    other : ndarray (worlds, occasions) or (places, worlds, occasions)
-        Scores in the same worlds and on the same occasions; at least two worlds. Any place of its swath
-        may meet any of the sensor's.
-    rule : Sufficing
-    level : float
-        Of both intervals.
-    runs : float
-        Occasions over one ground; ``inf`` for the mean of all.
+    ``sensor`` (places, worlds, occasions) are scores at places of its swath, any of which the ground may lie at;
+    ``other`` those in the same worlds, at least two, and on the same occasions, with or without places, any of which
+    may meet any of the sensor's. ``runs`` are occasions over one ground; ``inf`` for the mean of all.
     """
     difference, df = (sensor[:, None] - other).reshape(-1, *other.shape[-2:]), other.shape[-2] - 1
     mean, half = float(difference.mean()), float(stdtrit(df, 0.5 + 0.5 * level)) * _error(difference.mean(axis=0))
@@ -111,17 +102,10 @@ def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
 def by_surface(
     analysis: Analysis, points: FloatArray, rule: Sufficing, sds: Sequence[FloatArray], rng: np.random.Generator
 ) -> Comparison:
-    """Compare two settings of the region by what is believed of the surface.
+    """Compare the sensor's with the optimum's settings, coded ``points`` (2, k), by what is believed of the surface.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    points : ndarray (2, k)
-        The sensor's and the optimum's settings, coded.
-    rule : Sufficing
-    sds : sequence of two ndarray (m,)
-        Of a future difference, and of a future score, over one ground about the surface; one as probable as the other.
-    rng : Generator
+    ``sds`` are two arrays (m,): of a future difference, and of a future score, over one ground about the surface, one
+    as probable as the other.
     """
     fitted, optimism, level = analysis.fitted, analysis.optimum.optimism, analysis.optimum.level
     scale, limits = fitted.scale, fitted.application.score_limits

@@ -240,17 +240,9 @@ def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
 def compromise(
     region: Region, objectives: Sequence[Objective], *, level: float = 0.95, seed: int = 0
 ) -> CompromiseEstimate:
-    """The setting with the largest weighted geometric mean of desirabilities.
+    """The setting with the largest weighted geometric mean of desirabilities of one or more objectives.
 
-    Parameters
-    ----------
-    region : Region
-    objectives : sequence of Objective
-        One or more; those with draws have equally many.
-    level : float
-        Of the credible intervals.
-    seed : int
-        Of the search; equal inputs give equal results.
+    Those with draws have equally many. ``level``: of the credible intervals; equal inputs and seeds give equal results.
     """
     rng = np.random.default_rng(seed)
     cover = np.vstack([region.candidates(limit=_COVER), region.sample(_COVER // 2, rng)])

@@ -227,9 +227,9 @@ def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
     model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    levels, s = tuple(int(best.point[j]) for j in region.categorical), known_scatter(surface.s)
+    levels, variance = tuple(int(best.point[j]) for j in region.categorical), known_scatter(surface.s) ** 2
     return stationary_point(
-        model, region, surface.estimate, levels, variance=lambda rows: s**2 * surface.variance_unscaled(rows)
+        model, region, surface.estimate, levels, lambda rows: variance * surface.variance_unscaled(rows)
     )
 
 

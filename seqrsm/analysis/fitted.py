@@ -61,10 +61,7 @@ def fit_application(
 def fit_surface(spec: CampaignSpec, data: ScoredRuns, scale: ResponseScale) -> LeastSquaresFit:
     """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
 
-    Raises
-    ------
-    FitError
-        Fewer scores than terms, or terms that the runs cannot tell apart: with runs that would mend it.
+    FitError of fewer scores than terms, or of terms that the runs cannot tell apart: with runs that would mend it.
     """
     model, labels = spec.quadratic, block_labels(spec, data)
     columns, names = block_columns(labels)

@@ -28,16 +28,8 @@ class Gap:
 def largest_gap(region: Region, points: FloatArray) -> Gap | None:
     """The largest box without a run, with sides that are equal on the coded scale and its centre in the region.
 
-    Parameters
-    ----------
-    region : Region
-    points : ndarray (n, k)
-        Coded settings of the runs.
-
-    Returns
-    -------
-    Gap or None
-        None without continuous factors. Found by a search, so that a box larger by a percent or two may be missed.
+    ``points`` (n, k) are coded settings of the runs. None without continuous factors. Found by a search, so that a box
+    larger by a percent or two may be missed.
     """
     if not region.continuous:
         return None

@@ -35,15 +35,10 @@ _FOR_THE_OPTIMUM = ("optimum", "regret", CONFIRMATION)
 
 
 def optimism(fitted: Fitted, point: FloatArray, rng: np.random.Generator) -> float:
-    """By how much the mean at the recommended settings is too high, too low where minimized, for having been chosen.
+    """By how much the mean at the coded ``point`` (k,) is too high, too low where minimized, for having been chosen.
 
-    That of the quadratic and that of the process, by their probabilities; what the process rests on stays.
-
-    Returns
-    -------
-    float
-        What is to be taken off at the coded ``point`` (k,), on the scale of the fit: >= 0, <= 0 where minimized; 0
-        without an estimate of error.
+    That of the quadratic and that of the process, by their probabilities; what the process rests on stays. It is to be
+    taken off, on the scale of the fit: >= 0, <= 0 where minimized; 0 without an estimate of error.
     """
     surface, region, sign = fitted.surface, fitted.region, sign_of(fitted.goal)
     process, share, made = fitted.departure.believed, fitted.departure.probability, surface.data.points

@@ -109,12 +109,6 @@ def summarise_posterior(
     """Posterior of the optimum: the exact optimum for every draw of the coefficients, and optima of the process.
 
     ``looked``: draws by which the loss is told. ``taken_off`` the predictive interval is what `optimism` found.
-
-    Returns
-    -------
-    PosteriorSummary
-        Location and value of the optimum, predictive interval at the recommended settings, and what acting on the
-        recommendation may lose.
     """
     point = estimate.point
     points, best_scores, regret = _optima(spec, fitted, point, draws)

@@ -87,10 +87,7 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
 def see_names(spec: CampaignSpec, runs: Sequence[RunRecord], *applications: str) -> None:
     """Refuse applications (by default all) that seem to be renamed: new runs would be an initial design once more.
 
-    Raises
-    ------
-    FitError
-        No run has a score of one, and some have scores of a name that the campaign no longer has.
+    FitError where no run has a score of one, and some have scores of a name that the campaign no longer has.
     """
     scored = dict.fromkeys(score.application for run in runs if run.state == "scored" for score in run.scores)
     others = [name for name in scored if name not in {one.name for one in spec.applications}]
@@ -102,13 +99,7 @@ def see_names(spec: CampaignSpec, runs: Sequence[RunRecord], *applications: str)
 
 
 def coded_settings(region: Region, runs: Sequence[RunRecord]) -> FloatArray:
-    """Settings (n, k) of runs, coded.
-
-    Raises
-    ------
-    RegionError
-        Settings of factors or levels that the campaign no longer has; the runs are named.
-    """
+    """Settings (n, k) of runs, coded; RegionError names the runs with factors or levels that there are no longer."""
     if not runs:
         return np.empty((0, region.k))
     try:
@@ -202,10 +193,7 @@ def block_labels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
 def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     """Scores on the scale of ``[model] response``, with the weights of ``[model] weights``.
 
-    Raises
-    ------
-    FitError
-        Weights from standard errors or counts that some scores do not have.
+    FitError where these are from standard errors or counts that some scores do not have.
     """
     columns, _ = block_columns(block_labels(spec, data))
     Z = np.hstack([spec.quadratic.matrix(data.points), columns])
@@ -225,13 +213,7 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
 
 
 def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:
-    """Correct decisions and trials (n,) of every run, which ``what`` needs.
-
-    Raises
-    ------
-    FitError
-        Runs without counts.
-    """
+    """Correct decisions and trials (n,) of every run, which ``what`` needs; FitError of runs without counts."""
     known = np.zeros(len(data.scores), dtype=np.bool_)
     if data.trials is not None and data.correct is not None:
         known = np.isfinite(data.trials) & np.isfinite(data.correct)

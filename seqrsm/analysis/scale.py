@@ -69,12 +69,7 @@ class ResponseScale:
         """Put scores (n,) on the scale; ``Z`` (n, p) is the model matrix with blocks.
 
         ``se`` (n,), > 0, are standard errors that runs count by; a future run has their median. By default all count
-        alike.
-
-        Raises
-        ------
-        FitError
-            "logit" with scores outside 0 to 100.
+        alike. FitError of "logit" with scores outside 0 to 100.
         """
         usual = float("nan") if se is None or not len(se) else float(np.median(se))
         relative = np.ones(len(scores)) if se is None or not len(se) else np.square(usual / se)

@@ -24,23 +24,10 @@ _DRAWS = 4000
 def steps_of(
     fitted: Fitted, best: OptimumEstimate, draws: Draws, ranked: Sequence[EventRecord], seed: int
 ) -> tuple[Step, ...]:
-    """Steps of every factor with values or levels, from joint draws of the surface.
+    """Steps from the recommended settings of every factor with values or levels, from joint draws of the surface.
 
-    Parameters
-    ----------
-    fitted : Fitted
-    best : OptimumEstimate
-        The recommended settings, from which one factor steps.
-    draws : Draws
-        Of the quadratic.
-    ranked : sequence of EventRecord
-        What paired simulations told of other levels, see `seqrsm.analysis.ground.sds_of_levels`.
-    seed : int
-
-    Returns
-    -------
-    tuple of Step
-        Those left out of whose two settings a constraint forbids one.
+    ``draws`` are of the quadratic; ``ranked`` tells what paired simulations found of other levels, see
+    `seqrsm.analysis.ground.sds_of_levels`. Steps are left out of whose two settings a constraint forbids one.
     """
     scale, limits = fitted.scale, fitted.application.score_limits
     point, optimism, level = best.point, best.optimism, best.level

@@ -81,12 +81,8 @@ def term_test(analysis: Analysis, asked: str) -> TermTest:
     """Partial F test of a group of terms.
 
     ``asked``: a list, joined by commas, of factors (all terms that hold them), terms, and `GROUPS`. Where a factor and
-    a term have the same name the factor is meant; ``term:NAME`` means the term.
-
-    Raises
-    ------
-    UserError
-        A name that is none of these.
+    a term have the same name the factor is meant; ``term:NAME`` means the term. UserError of a name that is none of
+    these.
     """
     fit, chosen = analysis.fit, set[int]()
     for name in (part.strip() for part in asked.split(",")):

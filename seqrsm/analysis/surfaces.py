@@ -151,12 +151,9 @@ class Surface:
 
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
-        correct = trials = None
-        if self.errors.of_counts:
-            correct, trials = counts_of(self.data, f'errors = "{self.errors.name}"')
-        return LinearRuns(
-            fit, p, Z, fit.y, weights, prior, lambda beta: beta[:, :p], True, 1.0, stated, correct, trials
-        )
+        needs = f'errors = "{self.errors.name}"'
+        counts = counts_of(self.data, needs) if self.errors.of_counts else (None, None)
+        return LinearRuns(fit, p, Z, fit.y, weights, prior, lambda beta: beta[:, :p], True, 1.0, stated, *counts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,10 +372,7 @@ def random_blocks(
 ) -> RandomBlockPosterior:
     """Surface of the average block, with blocks as a random effect.
 
-    Raises
-    ------
-    FitError
-        One block, two sources, or no scatter.
+    FitError of one block, two sources, or no scatter.
     """
     if len(set(data.sources)) > 1:
         remedy = 'Set [model] block_effect = "fixed".'

@@ -149,10 +149,8 @@ def _covariance(analysis: Analysis) -> dict[str, Any]:
 def _natural(analysis: Analysis) -> list[dict[str, float]]:
     """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
     found = analysis.fit.predict(natural_transform(analysis.model), analysis.optimum.level)
-    columns = np.full((analysis.fit.n_terms, 4), np.nan)
-    columns[: analysis.model.p] = np.column_stack(
-        [found.mean, found.se_mean, found.confidence.low, found.confidence.high]
-    )
+    columns, band = np.full((analysis.fit.n_terms, 4), np.nan), found.confidence
+    columns[: analysis.model.p] = np.column_stack([found.mean, found.se_mean, band.low, band.high])
     return [dict(zip(("estimate", "se", "low", "high"), row, strict=True)) for row in columns.tolist()]
 
 

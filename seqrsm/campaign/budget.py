@@ -176,13 +176,9 @@ class Budget:
     def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
         """What the budget gives in different ways, and what other numbers of runs give.
 
-        Returns
-        -------
-        tuple of Plan
-            The budget: as it is, with the guard "confirmation", which takes so many runs of it, with first order, with
-            each factor fixed.
-        tuple of Plan
-            Numbers of runs about the budget and what the models ask for, with the campaign's order and with 1.
+        The budget: as it is, with the guard "confirmation", which takes so many runs of it, with first order, with each
+        factor fixed. Numbers of runs: about the budget and what the models ask for, with the campaign's order and with
+        1.
         """
         region, budget, order = self.region, self.rule.max_runs, self.order
         whole = tuple(range(region.k))

@@ -62,13 +62,7 @@ def all_failed(runs: Sequence[RunRecord]) -> UserError:
 
 
 class Campaign:
-    """A campaign folder, open.
-
-    Attributes
-    ----------
-    folder : Path
-        The campaign's folder.
-    """
+    """A campaign folder, open."""
 
     def __init__(self, spec: CampaignSpec, store: Store) -> None:
         self.spec = spec
@@ -112,9 +106,8 @@ class Campaign:
         analyses = tuple(found(app) for app in wanted)
         if not thorough:
             return analyses
-        return tuple(
-            replace(one, warnings=one.warnings + sensor_warnings(self.spec, one.optimum.settings)) for one in analyses
-        )
+        more = [sensor_warnings(self.spec, one.optimum.settings) for one in analyses]
+        return tuple(replace(one, warnings=one.warnings + own) for one, own in zip(analyses, more, strict=True))
 
     def compromise(self, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
         """Compromise over all applications and considerations, with warnings as of an analysis; None without."""
@@ -146,23 +139,15 @@ class Campaign:
     def propose(
         self, n: int | None = None, *, source: str | None = None, csv: Path | None = None
     ) -> tuple[RunRecord, ...]:
-        """Issue the next runs, flights in random order; the first call issues the initial design.
+        """Issue the next runs, flights in random order; the first call issues the initial design, which has its size.
 
-        Parameters
-        ----------
-        n : int, optional
-            Runs wanted; the campaign's batch by default. The initial design has its own size.
-        source : "simulation", "flight" or "best", optional
-            "best" takes for each run the source that gains more for its cost. By default simulation where there is a
-            simulator, else flight, which is any measurement.
-        csv : Path, optional
-            Form for a flight crew, one row a flight, the score left empty; none where "best" chooses no flight.
+        ``n`` runs are wanted, the campaign's batch by default, of a ``source``: "simulation", where there is a
+        simulator the default; "flight", which is any measurement; or "best", which takes for each run the source that
+        gains more for its cost. ``csv``: a form for a flight crew, one row a flight, the score left empty; none where
+        "best" chooses no flight.
 
-        Raises
-        ------
-        UserError
-            Unknown source, a form that exists already or of simulations, too few scores and none to wait for, or a
-            budget that is spent.
+        UserError of an unknown source, a form that exists already or of simulations, too few scores and none to wait
+        for, or a budget that is spent.
         """
         source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
@@ -185,10 +170,7 @@ class Campaign:
     def write_form(self, file: Path, runs: Sequence[RunRecord] | None = None) -> int:
         """Write the form of runs for a flight crew, by default of all flights that are issued; how many they are.
 
-        Raises
-        ------
-        UserError
-            There is none, or the file exists or cannot be written.
+        UserError where there is none, or the file exists or cannot be written.
         """
         from seqrsm.campaign.export import write_form
 
@@ -207,10 +189,7 @@ class Campaign:
     ) -> tuple[RunRecord, ...]:
         """Issue the next runs, as `propose`, from the state that the store has marked.
 
-        Raises
-        ------
-        OvertakenError
-            Another process decided meanwhile; nothing was issued.
+        OvertakenError where another process decided meanwhile; nothing was issued.
         """
         if load_spec(self.folder).spec_hash != self.spec.spec_hash:
             message = "campaign.toml was changed while this command was running"
@@ -275,12 +254,9 @@ class Campaign:
         """Carry out every issued simulation run; each score is durable as soon as it is there.
 
         Returns the runs carried out in this call, failed ones and earlier ones for a new application included.
-
-        Raises
-        ------
-        StoreError, FitError, SpecError
-            What scores are made from has changed since the runs so far, or what they are scores of; see
-            `seqrsm.campaign.experiment`, `see_names` and `see_units`. Or a new application scores no earlier run.
+        StoreError, FitError or SpecError where what scores are made from has changed since the runs so far, or what
+        they are scores of; see `seqrsm.campaign.experiment`, `see_names` and `see_units`. Or a new application scores
+        no earlier run.
         """
         from seqrsm.campaign.grounds import Grounds  # the engines: not loaded for fit or status
 

@@ -142,12 +142,7 @@ def measure_candidates(
 
     The campaign has scores enough for a surface. At least 4 ``worlds``, grounds, are drawn; ``workers`` are processes;
     ``progress`` is told of (done, all) candidates. The result is of plain values, and also written to `FILE` of the
-    campaign's folder.
-
-    Raises
-    ------
-    UserError
-        No candidates, too few scores, or a folder that cannot be written.
+    campaign's folder. UserError without candidates, of too few scores, or of a folder that cannot be written.
     """
     spec = campaign.spec
     wanted = candidates_of(spec)
@@ -315,13 +310,9 @@ class _Comparer:
 
     def _by_simulation(self, candidate: Candidate, told: dict[str, Any]) -> dict[str, Any]:
         assert self.optimum is not None
-        places, offered = self._places(candidate)
+        (places, offered), sensor = self._places(candidate), candidate.sensor
         days = places[0].days[0]
-        if (
-            offered is not None
-            and candidate.sensor is not None
-            and candidate.sensor.resting("revisit_days") == "recalled"
-        ):
+        if offered is not None and sensor is not None and sensor.resting("revisit_days") == "recalled":
             told["recalled"].append("revisit_days")
         for place in places:
             examine(place, self.tasks[0])

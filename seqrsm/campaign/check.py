@@ -143,13 +143,9 @@ class CheckResult(Judged):
 def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
     """Validate a campaign and estimate what it will take; nothing is written.
 
-    ``progress`` is told how many simulations are done of how many.
-
-    Raises
-    ------
-    UserError
-        Everything that is wrong with the specification, or with the sensor at the corners of the region; or what runs
-        so far were simulated from has changed.
+    ``progress`` is told how many simulations are done of how many. UserError tells everything that is wrong with the
+    specification, or with the sensor at the corners of the region; or that what runs so far were simulated from has
+    changed.
     """
     spec = load_spec(folder)
     model = spec.quadratic

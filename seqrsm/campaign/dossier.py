@@ -71,15 +71,7 @@ class Dossier:
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
-    """Dossier of a campaign as it stands; ``step`` is told what is being done.
-
-    Raises
-    ------
-    FitError
-        Too few scores for a response surface.
-    ConvergenceError
-        The sampler did not converge.
-    """
+    """Dossier of a campaign as it stands; ``step`` is told what is being done; errors of `Campaign.analyse_all`."""
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)

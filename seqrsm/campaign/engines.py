@@ -156,13 +156,7 @@ _FIELD = "[[application]] utility"
 
 
 def check_utility(text: str) -> None:
-    """Refuse a utility of ``campaign.toml`` that images cannot be scored by, or that cannot be imported.
-
-    Raises
-    ------
-    SpecError
-        What is wrong with it.
-    """
+    """Refuse with SpecError a utility of ``campaign.toml`` that images cannot be scored by, or that has no import."""
     if ":" in text:
         find_utility(text)
         return
@@ -197,10 +191,7 @@ def _shown(scene: Scene) -> Scene:
 def find_utility(name: str) -> Callable[..., Any]:
     """The function called ``name``, "package.module:function" or "path/of/module.py:function".
 
-    Raises
-    ------
-    SpecError
-        It cannot be imported, whatever the reason.
+    SpecError where it cannot be imported, whatever the reason.
     """
     try:
         return own_function(name)
@@ -212,10 +203,7 @@ def find_utility(name: str) -> Callable[..., Any]:
 def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:
     """Score of an image by a utility of the user's own, which returns a `UtilityScore` or a number.
 
-    Raises
-    ------
-    SpecError
-        It cannot be imported, raises, or returns no finite score.
+    SpecError where it cannot be imported, raises, or returns no finite score.
     """
     function = find_utility(name)
     short, place = f"{name.rpartition(':')[2]}()", file_of(name) or None  # on a cluster the file has another name

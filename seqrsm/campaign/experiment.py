@@ -53,12 +53,8 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     """Note what simulated scores rest on, where it is new or ``accept``; refuse what differs from before.
 
     Without ``note`` nothing is written. A new application is no change, nor is a fixed parameter that became a factor,
-    or a factor that became fixed: earlier runs keep the values that they had.
-
-    Raises
-    ------
-    StoreError
-        What differs, with the values before and now; nothing is noted.
+    or a factor that became fixed: earlier runs keep the values that they had. StoreError tells what differs, with the
+    values before and now; nothing is noted.
     """
     now, before = experiment_of(spec), _before(store)
     # A file that is away is no other file: its runs fail by the machine, and are made once it is back.
@@ -80,13 +76,7 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
 
 
 def see_utilities(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Refuse simulated scores of another utility than the application has now: they would be told as scores of it.
-
-    Raises
-    ------
-    StoreError
-        The utility before and now.
-    """
+    """Refuse simulated scores of another utility than the application has now: they would be told as scores of it."""
     before, made = _before(store), any(run.state == "scored" and run.source == "simulation" for run in runs)
     now = {f"utility of {one.name}": one.utility for one in spec.applications}
     if changed := [key for key in now if made and before.get(key, now[key]) != now[key]]:

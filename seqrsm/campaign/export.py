@@ -30,13 +30,9 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
 
     ``NAME.json``: one document with specification, runs, scores, looks, events and files. ``NAME.csv``: a row for each
     score (and for each run without one), units of factors and cost in its header, which `ingest` reads back; looks,
-    events and files go to ``NAME.looks.csv`` and so on beside it.
-
-    Raises
-    ------
-    UserError
-        Settings or scores of other units than ``campaign.toml`` tells now, another suffix, a file that exists with
-        other content, or a folder that cannot be written.
+    events and files go to ``NAME.looks.csv`` and so on beside it. UserError of settings or scores of other units than
+    ``campaign.toml`` tells now, another suffix, a file that exists with other content, or a folder that cannot be
+    written.
     """
     see_meaning(store, spec, store.runs())
     target = Path(path)
@@ -85,9 +81,8 @@ def run_rows(runs: Iterable[RunRecord], spec: CampaignSpec) -> tuple[list[str], 
     """Columns and rows: a row for each score, and for each run without one; the block has its column's own name."""
     factor_names, block = spec.region.names, spec.model.block
     score_names = [column.name for column in fields(ScoreRecord) if column.name != "run_id"]
-    run_names = [
-        column.name for column in fields(RunRecord) if column.name not in ("run_id", "proposed", "executed", "scores")
-    ]
+    apart = ("run_id", "proposed", "executed", "scores")
+    run_names = [column.name for column in fields(RunRecord) if column.name not in apart]
     proposed_names = [f"proposed_{name}" for name in factor_names]
     units = {one.name: one.score_unit for one in spec.applications}
     nothing: tuple[ScoreRecord | None, ...] = (None,)
@@ -169,10 +164,7 @@ def form_rows(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[list[str],
 def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Write the form with units in its header; text that a spreadsheet would run as a formula is neutralised.
 
-    Raises
-    ------
-    UserError
-        The file exists, or cannot be written.
+    UserError where the file exists, or cannot be written.
     """
     header, rows = form_rows(spec, runs)
     see_free(path)

@@ -57,18 +57,11 @@ _Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
 def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> list[Problem]:
     """What looks wrong in a file of scores beside the runs of earlier ones, alike rows together."""
     scored = [run for run in runs if run.state == "scored"]
-    problems = [
-        Problem(
-            f"the column is kept as your own, but its name resembles '{meant}'"
-            if own != "block"
-            else f"the campaign takes blocks from the column '{meant}'",
-            f"Name it '{meant}'.",
-            file.name,
-            None,
-            own,
-        )
-        for own, meant in file.near
-    ]
+    problems = []
+    for own, meant in file.near:
+        text = f"the column is kept as your own, but its name resembles '{meant}'"
+        text = f"the campaign takes blocks from the column '{meant}'" if own == "block" else text
+        problems.append(Problem(text, f"Name it '{meant}'.", file.name, field=own))
     groups: dict[tuple[str, str, str], list[tuple[MeasuredScore, object]]] = {}
     for row, column, value, message, hint in (
         *_settings(spec, file),
@@ -90,6 +83,10 @@ def suspects(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) ->
     return problems
 
 
+def _correct(what: object) -> str:
+    return f"If this corrects it, first: seqrsm void DIR {what} --why TEXT"
+
+
 def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Iterator[Problem]:
     """Rankings of images that the same interpreter has ranked in the same session: corrected or extended ones."""
     earlier: dict[tuple[int, str, str, str], dict[int, float]] = {}
@@ -98,15 +95,12 @@ def ranking_suspects(file: IngestedFile, stored: Sequence[RankingRecord]) -> Ite
             earlier.setdefault((row.ranking, row.application, row.interpreter, row.session), {})[row.run_id] = row.rank
     for new in file.rankings:
         ranks = {image.run_id: image.rank for image in new.images}
-        same = {
-            key[0]: old for key, old in earlier.items() if key[1:] == (new.application, new.interpreter, new.session)
-        }
+        whose = new.application, new.interpreter, new.session
+        same = {number: old for (number, *who), old in earlier.items() if tuple(who) == whose}
         for number, old in same.items():
             if ranks not in same.values() and (ranks.keys() <= old.keys() or ranks.keys() >= old.keys()):
                 message = f"{new.interpreter} has ranked these images before, in ranking {number}"
-                hint = (
-                    f"If this corrects it, first: seqrsm void DIR --ranking {number} --why TEXT. Else name a session."
-                )
+                hint = f"{_correct(f'--ranking {number}')}. Else name a session."
                 yield Problem(message, hint, file.name, new.images[0].line, "interpreter", new.interpreter)
 
 
@@ -119,11 +113,8 @@ def see_meaning(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> 
 def see_units(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Refuse a unit that is not the one of the settings in the store, which are numbers, and a slip in a range.
 
-    Raises
-    ------
-    SpecError
-        Of the scored runs some lie outside the factor's range, and none would in another unit; or all, and few would.
-        Or some are so far away that rounding shows.
+    SpecError where of the scored runs some lie outside the factor's range, and none would in another unit; or all, and
+    few would. Or some are so far away that rounding shows.
     """
     for k, factor in enumerate(spec.factors):
         if isinstance(factor, CategoricalFactor):
@@ -162,10 +153,8 @@ def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
             unit = next((one for one in units_like(factor.unit) if _fits(factor, value, one)), "")
             if coded > FAR or (unit and not _close(unit, factor.unit)):
                 where = f"far outside {low:g} to {high:g} {factor.unit}".rstrip()
-                hint = (
-                    f"Did you mean {unit}? Then write the header as: {factor.name} [{unit}]" if unit else "Correct it."
-                )
-                yield row, factor.name, value, where, hint
+                meant = f"Did you mean {unit}? Then write the header as: {factor.name} [{unit}]"
+                yield row, factor.name, value, where, meant if unit else "Correct it."
 
 
 def _fits(factor: NumericFactor, value: float, unit: str, margin: float = 0.0) -> bool:
@@ -247,7 +236,7 @@ def _blocks(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]) -> 
         other = block if block in known else next((one for one in known if _alike(one, block)), "")
         none = not block or (not other and block.casefold() in WORDS_FOR_NOTHING)
         if run is not None and is_moved(spec, row, run):
-            hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
+            hint = _correct(run.run_id)
             own = f"the block '{run.block}'" if run.block else "no block"
             yield row, column, block, f"run {run.run_id} is of {own}", hint
         elif none and row.source != "simulation" and not (run and run.block):
@@ -315,7 +304,7 @@ def _corrections(spec: CampaignSpec, file: ScoresFile, runs: Sequence[RunRecord]
             dated = block or ("date" in told and "date" in old.metadata)
             if dated and all(text == other or _alike(text, str(other)) for text, other in shared):
                 found = f"run {run.run_id} has score {old.score:g} and the rest is the same"
-                hint = f"If this corrects it, first: seqrsm void DIR {run.run_id} --why TEXT"
+                hint = _correct(run.run_id)
                 if old.score == row.score:
                     found = f"run {run.run_id} has this score, and the rest is the same but for notation or se"
                     hint = "Remove the row, or write it as before"
@@ -341,13 +330,8 @@ def _told_void(file: ScoresFile) -> _Found:
         told = {**row.metadata, "note": row.note}
         for column, text in told.items():
             if text.casefold().startswith(("void", "invalid")):
-                yield (
-                    row,
-                    column,
-                    text,
-                    "the run is told to be void and has a score",
-                    "Empty its score, or remove the row.",
-                )
+                message, hint = "the run is told to be void and has a score", "Empty its score, or remove the row."
+                yield row, column, text, message, hint
 
 
 def _waiting(file: ScoresFile, runs: Sequence[RunRecord]) -> _Found:

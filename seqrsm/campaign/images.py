@@ -58,25 +58,13 @@ def write_image(
 ) -> dict[str, Any]:
     """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz; or one of its masks.
 
-    Parameters
-    ----------
-    campaign : Campaign
-    assignments : sequence of str
-        "name=value" for factors; the others are those of the first application's optimum, or of
-        the centre of the region.
-    out : Path
-        File to write; its suffix tells the form.
-    mask : str
-        "shadow" or "layover" of a radar, "blocked" of a radiometer, on the scene's grid; "" for the image itself.
-    threads : int
-        Threads that share one image of a radar; it does not depend on their number.
-    number : int
-        Which image of a set or of several dates is written, from 1; all of them are scored.
+    ``assignments``, "name=value", are of factors; the others are those of the first application's optimum, or of the
+    centre of the region. The suffix of ``out`` tells the form. ``mask``: "shadow" or "layover" of a radar, "blocked" of
+    a radiometer, on the scene's grid; "" for the image itself. ``threads`` share one image of a radar, which does not
+    depend on their number. ``number``: which image of a set or of several dates is written, from 1; all of them are
+    scored.
 
-    Raises
-    ------
-    UserError
-        Unknown factor, value, mask or suffix, a sensor that cannot be, or a place that cannot be written.
+    UserError of an unknown factor, value, mask or suffix, a sensor that cannot be, or a place that cannot be written.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise UserError("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out))
@@ -271,15 +259,8 @@ def report_pictures(
 ) -> tuple[tuple[ImagePanel, ...], int, tuple[str, ...]]:
     """Simulate the pictures of a report at settings of `chosen_settings`, all on one occasion, in one calibration.
 
-    Of several images the first of each sensor.
-
-    Returns
-    -------
-    tuple of ImagePanel
-    int
-        Quarter turns that bring the scene's layers into the frame of the first image.
-    tuple of str
-        What the simulations assumed.
+    Of several images the first of each sensor. Beside the panels the quarter turns that bring the scene's layers into
+    the frame of the first image, and what the simulations assumed.
     """
     made: list[tuple[str, Mapping[str, float | str], Acquisition, Picture, UtilityScore]] = []
     notes: dict[str, list[str]] = {}

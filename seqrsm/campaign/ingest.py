@@ -30,31 +30,21 @@ from seqrsm.store.store import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IngestReport(IngestOutcome):
-    """What was taken in, or would be: what became of the rows in the store, and what is known of the file.
-
-    Attributes
-    ----------
-    file, sha256 : str
-        Name without folder, and SHA-256 of the bytes.
-    dry_run : bool
-        Nothing was written.
-    n_scores : int
-        Scores, or ranks, in the file.
-    outside_region : tuple of int
-        Lines whose settings lie outside the campaign's region.
-    unscored : tuple of int
-        Lines that have no score yet.
-    messages : tuple of str
-        The above in sentences.
-    """
+    """What was taken in, or would be: what became of the rows in the store, and what is known of the file."""
 
     file: str
     sha256: str
+    """Name without folder, and SHA-256 of the bytes."""
     dry_run: bool
+    """Nothing was written."""
     n_scores: int = 0
+    """Scores, or ranks, in the file."""
     outside_region: tuple[int, ...] = ()
+    """Lines whose settings lie outside the campaign's region."""
     unscored: tuple[int, ...] = ()
+    """Lines that have no score yet."""
     messages: tuple[str, ...] = ()
+    """The above in sentences."""
 
 
 _AGAINST = -0.3  # agreement: of two rankings of a dozen images by a guess two standard deviations
@@ -67,26 +57,12 @@ def ingest_files(
 ) -> tuple[IngestReport, ...]:
     """Take files or tables of measured scores or rankings into the store, in order; all of them or none.
 
-    Parameters
-    ----------
-    store : Store
-        Open.
-    spec : CampaignSpec
-        Its factors and applications name the columns.
-    sources : sequence of Path, str or DataFrame
-        Files or tables, see :mod:`seqrsm.score.table`; what stands in them: :mod:`seqrsm.score.flight` and
-        :mod:`seqrsm.score.ranking_file`.
-    dry_run : bool
-        Check and report, write nothing.
-    accept : bool
-        Take in also what looks wrong, see `seqrsm.campaign.guards`.
+    ``sources`` are files or tables, see :mod:`seqrsm.score.table`; what stands in them: :mod:`seqrsm.score.flight` and
+    :mod:`seqrsm.score.ranking_file`; factors and applications of the specification name their columns. ``dry_run``:
+    check and report, write nothing. ``accept``: take in also what looks wrong, see `seqrsm.campaign.guards`.
 
-    Raises
-    ------
-    ScoresFileError
-        A file is wrong, or something in it looks wrong and is not accepted; nothing was changed.
-    StoreError, SpecError
-        Rows that do not fit the runs of the campaign, or runs that do not fit its region; nothing was changed.
+    ScoresFileError where a file is wrong, or something in it looks wrong and is not accepted; StoreError or SpecError
+    of rows that do not fit the runs of the campaign, or runs that do not fit its region. Nothing was changed then.
     """
     runs = store.runs()
     see_meaning(store, spec, runs)
@@ -119,9 +95,7 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
         ranked = (run for run in runs if run.state == "scored" and run.score_of(summary.application) is not None)
         lost = [run.run_id for run in ranked if run.run_id in summary.apart]
         if lost:
-            what = (
-                f"{'run' if len(lost) == 1 else 'runs'} {few(lost)} would lose their scores of '{summary.application}'"
-            )
+            what = f"run{'s' * (len(lost) > 1)} {few(lost)} would lose their scores of '{summary.application}'"
             message = f"{what}: no chain of rankings joins them with the others"
             problems.append(Problem(message, "Rank some of their images together with the others.", read[-1][0].name))
     for file, outcome in zip(files, outcomes, strict=True):
@@ -138,10 +112,8 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
             problems += suspects(spec, replace(file, scores=tuple(new)), others)
     if problems:
         message = "nothing was ingested: the rows listed above look wrong"
-        raise ScoresFileError(
-            *problems,
-            Problem(message, "Correct them, or ingest everything as it is with --accept (accept=True in Python)."),
-        )
+        remedy = "Correct them, or ingest everything as it is with --accept (accept=True in Python)."
+        raise ScoresFileError(*problems, Problem(message, remedy))
 
 
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
@@ -198,10 +170,7 @@ def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) ->
             if not bool(spec.region.feasible(spec.region.code([values]))[0]):
                 lines.append(line)
         except RegionError as error:
-            problems += [
-                Problem(problem.message, problem.remedy, name, line, problem.field, problem.value)
-                for problem in error.problems
-            ]
+            problems += [replace(problem, file=name, line=line) for problem in error.problems]
     if problems:
         raise ScoresFileError(*problems)
     return tuple(lines)

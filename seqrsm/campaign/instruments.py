@@ -60,13 +60,7 @@ def instrument_of(task: SimulationTask) -> Instrument:
 
 
 def nearest_to(sensor: NamedSensor, base: Instrument) -> Sensor:
-    """The sensor of ``base`` that is of the named one's kind and nearest in frequency.
-
-    Raises
-    ------
-    ConfigurationError
-        It has none of that kind.
-    """
+    """The sensor of ``base`` of the named one's kind and nearest in frequency; ConfigurationError where it has none."""
     own = [one for one in base.sensors if _engine(one) == sensor.engine]
     if not own:
         raise ConfigurationError("the optimum has no sensor of its kind")

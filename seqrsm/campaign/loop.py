@@ -73,20 +73,9 @@ def run_campaign(
 ) -> Outcome:
     """Simulate, fit, decide and propose until the stop rule holds or the budget is spent.
 
-    Parameters
-    ----------
-    campaign : Campaign
-    max_runs, batch : int, optional
-        In place of the campaign's own.
-    workers, cluster
-        Where to simulate.
-    on_progress, on_look, say : callables
-        Told of every run (done, total), every look, and every step in words.
-
-    Raises
-    ------
-    UserError
-        No run of the initial design, or of several batches after it, gave a score, and with what reasons.
+    ``max_runs`` and ``batch`` stand in place of the campaign's own; ``workers`` and ``cluster`` tell where to simulate.
+    ``on_progress`` is told of every run (done, total), ``on_look`` of every look, ``say`` of every step in words.
+    UserError where no run of the initial design, or of several batches after it, gave a score, and with what reasons.
     """
     simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
     loop = _ClosedLoop(campaign, simulate, Grounds(campaign.spec, campaign.store, workers, cluster), on_look, say)

@@ -46,12 +46,8 @@ class _Truth:
 def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
     """Rehearse the first application's campaign from what is believed now.
 
-    Returns ``campaigns``; ``rows``: label and text; ``notes``; and the plain numbers under ``numbers``.
-
-    Raises
-    ------
-    FitError
-        Too few scores to know anything yet, or scores without scatter.
+    Returns ``campaigns``; ``rows``: label and text; ``notes``; and the plain numbers under ``numbers``. FitError of too
+    few scores to know anything yet, or scores without scatter.
     """
     analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
     spec = _plain(campaign.spec, analysis)
@@ -105,27 +101,12 @@ def make_campaign(
     n_draws: int,
     ground: Ground | None = None,
 ) -> tuple[Analysis, list[RunRecord]]:
-    """A campaign of one application as `run` makes it, in memory, its scores from a function.
+    """A campaign of one application as `run` makes it, in memory: its last look, and all runs.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-    source : "simulation" or "flight"
-        Of every run.
-    score : callable
-        Scores of new runs at coded points (n, k), in their order; the same settings may score otherwise next time.
-        Each call is for one batch, which is a block of its own where the model has blocks.
-    n_draws : int
-        Posterior draws at each look.
-    ground : Ground or None
-        What is known of the ground's part of the scatter.
-
-    Returns
-    -------
-    Analysis
-        The last look.
-    list of RunRecord
-        All runs.
+    ``score`` gives scores of new runs at coded points (n, k), in their order; the same settings may score otherwise
+    next time. Each call is for one batch, which is a block of its own where the model has blocks. Every run is of the
+    ``source``; ``n_draws`` are drawn of the posterior at each look. ``ground``: what is known of its part of the
+    scatter.
     """
     (application,) = spec.applications
     runs: list[RunRecord] = []

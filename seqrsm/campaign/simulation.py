@@ -67,11 +67,8 @@ def acquisitions_of(
 ) -> tuple[Acquisition, ...]:
     """All images of a run, sensor by sensor and date by date; parameters as of `seqrsm.sensor.sets.members_of`.
 
-    Raises
-    ------
-    ConfigurationError
-        Parameters that contradict each other or physics, of any member; dates of some members only; a season besides
-        the dates.
+    ConfigurationError of parameters that contradict each other or physics, of any member; dates of some members only; a
+    season besides the dates.
     """
     found = members_of(engine, settings, fixed, members)
     dated = [bool(member.dates.on) for member in found]
@@ -185,11 +182,7 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
     """Task of one run of a campaign.
 
     ``cells``: see `SimulationTask`. Every run lies in a world of its own; what is no run meets the table's own means.
-
-    Raises
-    ------
-    SpecError
-        The campaign has no simulator, or one that cannot score what is asked for.
+    SpecError without a simulator, or of one that cannot score what is asked for.
     """
     if spec.simulator is None or spec.scene_path is None:
         message = "this campaign has no simulator: its scores are measured"
@@ -250,11 +243,9 @@ def simulate_images(task: SimulationTask, scene: Scene, threads: int = 1) -> lis
     images = []
     for one in task.acquisitions:
         engine = ENGINES[one.engine]
-        more = {"threads": threads} if engine.threads else {}
-        table = task.scattering(one.engine)
-        images.append(
-            engine.simulate(scene, one.sensor, table, seed=task.seed, run_id=task.run_id, visit=one.visit, **more)
-        )
+        how: dict[str, Any] = {"seed": task.seed, "run_id": task.run_id, "visit": one.visit}
+        how |= {"threads": threads} if engine.threads else {}
+        images.append(engine.simulate(scene, one.sensor, task.scattering(one.engine), **how))
     return images
 
 

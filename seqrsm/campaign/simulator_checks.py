@@ -34,20 +34,15 @@ def see_parameters(spec: CampaignSpec) -> None:
     try:
         _ = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]).acquisitions
     except ConfigurationError as error:
-        raise SpecError(
-            *(p if p.field in spec.region.names else fixed_problem(spec, p) for p in error.problems)
-        ) from error
+        told = (p if p.field in spec.region.names else fixed_problem(spec, p) for p in error.problems)
+        raise SpecError(*told) from error
 
 
 def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
 
-    Returns what combinations of the parameters do, such as gaps between lines, and where.
-
-    Raises
-    ------
-    UserError
-        What is wrong with them.
+    Returns what combinations of the parameters do, such as gaps between lines, and where; UserError tells what is
+    wrong.
     """
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     assert spec.simulator is not None
@@ -161,10 +156,7 @@ def _sensor_notes(task: SimulationTask, scene: Scene) -> list[tuple[str, str]]:
 def not_to_be_used(spec: CampaignSpec, settings: Settings) -> tuple[str, ...]:
     """Warnings where a sensor of these settings cannot be built, sees nothing, or needs a large antenna.
 
-    Raises
-    ------
-    UserError, OSError
-        They cannot be simulated as things stand.
+    UserError or OSError where they cannot be simulated as things stand.
     """
     notes = _sensor_notes(task_of(spec, NO_RUN, settings), scene_at(str(spec.scene_path)))
     return tuple(
@@ -191,6 +183,5 @@ def _sensor_problem(spec: CampaignSpec, met: Sequence[tuple[Problem, str]], n_po
     if problem.message.endswith("missing"):  # of one sensor of a set; no range gives it
         remedy = ""
     name, names = str(problem.field), spec.region.names
-    return placed(
-        spec, Problem(text, remedy), *(("factor", names.index(name)) if name in names else ("simulator", "fixed", name))
-    )
+    place = ("factor", names.index(name)) if name in names else ("simulator", "fixed", name)
+    return placed(spec, Problem(text, remedy), *place)

@@ -25,10 +25,6 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     """Runs by state and source, what the scores say so far of each application, and whether to stop.
 
     ``history`` adds every event.
-
-    Raises
-    ------
-    SpecError, StoreError
     """
     spec = load_spec(folder)
     runs = tuple[RunRecord, ...]()
@@ -83,11 +79,8 @@ def costs(runs: Sequence[RunRecord]) -> dict[str, float]:
 def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
     """On which data bases the scored runs were simulated, the finest first.
 
-    Returns
-    -------
-    list of dict
-        ``averaged``: cells along a side of the blocks that were one cell, 1 as it is; ``runs``: how many;
-        ``seconds``: the median run took.
+    ``averaged``: cells along a side of the blocks that were one cell, 1 as it is; ``runs``: how many; ``seconds``: the
+    median run took.
     """
     seconds: dict[int, list[float]] = {}
     for run in runs:
@@ -102,11 +95,8 @@ def latest_look(
 ) -> dict[str, Any]:
     """What the scores say of an application, by the specification as it is now; remembered, not recorded.
 
-    Returns
-    -------
-    dict
-        ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's
-        summary, or None where there is no fit), ``warnings`` (of that fit), ``reason`` (why scores give none).
+    ``name``, ``unit``, ``target_half_width``, ``target_loss`` (None without a limit), ``last_look`` (a look's summary,
+    or None where there is no fit), ``warnings`` (of that fit), ``reason`` (why scores give none).
     """
     from seqrsm.analysis.conclude import LOOK_DRAWS, analyse
     from seqrsm.analysis.to_json import look_summary

@@ -44,14 +44,8 @@ def measure_tradeoff(spec: CampaignSpec, progress: Callable[[int, int], None]) -
     """Measure, or go on measuring, the trade-off of a campaign: plain values, also written to `FILE`.
 
     `CONFIGURATIONS` settings spread over the region with the centre among them are each simulated on `OCCASIONS`
-    occasions on every database, the same for all. ``progress`` is told of (done, all) configurations.
-
-    Raises
-    ------
-    SpecError
-        The campaign has no simulator, or a parameter of it is missing.
-    SceneError
-        The scene cannot be read.
+    occasions on every database, the same for all. ``progress`` is told of (done, all) configurations. SpecError without
+    a simulator, or where a parameter of it is missing; SceneError of a scene that cannot be read.
     """
     see_parameters(spec)
     see_writable(spec.folder / FILE)

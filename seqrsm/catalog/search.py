@@ -85,17 +85,12 @@ def _rank(words: Iterable[str], entry: Entry) -> tuple[int, int] | None:
 
 
 def search(words: str, *, system: str | None = None) -> tuple[Entry, ...]:
-    """Entries of Tables A.1 to A.20 whose application or user category holds every one of ``words``.
+    """Entries of Tables A.1 to A.20 whose application or user category holds every one of ``words``, the best first.
 
     Words may stand in any order and case; without any, every entry is found. ``system``, "active" or "passive": only
-    radar or only radiometer entries.
-
-    Returns
-    -------
-    tuple of Entry
-        Best first: most words in the application itself (and not only in its user category), whole words before
-        beginnings of words, tables with numbers on the sensor (A.16 to A.20) before the lists, then as printed.
-        The statements "None" are never among them. Empty when nothing is found.
+    radar or only radiometer entries. The best have most words in the application itself (and not only in its user
+    category), then whole words before beginnings of words, tables with numbers on the sensor (A.16 to A.20) before the
+    lists, then as printed. The statements "None" are never among them.
     """
     wanted = words_of(words)
     found = []

@@ -115,16 +115,9 @@ def _sources(
 
 
 def agreement(sources: Sequence[tuple[Range, ...]]) -> tuple[float, float, int]:
-    """Interval that most sources cover; the lowest one, if several are covered equally often.
+    """Ends of the interval that most sources cover, and how many do; of several as often covered, of the lowest.
 
     Each source has ranges, at least one of them with a number; open sides reach without end.
-
-    Returns
-    -------
-    low, high : float
-        The interval.
-    count : int
-        Sources that cover it.
     """
     closed = [
         [(-inf if r.low is None else r.low, inf if r.high is None else r.high) for r in ranges] for ranges in sources
@@ -218,16 +211,9 @@ def _none_found(words: str, system: str) -> UserError:
 def start_ranges(words: str, *, system: str = "active") -> StartRanges:
     """Suggested start ranges and prior knowledge for an application, from its words; ``system``: "active" or "passive".
 
-    Returns
-    -------
-    StartRanges
-        Frequency [GHz], resolution [m], for radar depression angle [deg] and, for both, levels of polarization. The
-        numbers are those of print, also where a simulator takes less (nadir is a depression angle of 90 deg).
-
-    Raises
-    ------
-    UserError
-        No words, or no entry that holds them all.
+    Frequency [GHz], resolution [m], for radar depression angle [deg] and, for both, levels of polarization. The numbers
+    are those of print, also where a simulator takes less (nadir is a depression angle of 90 deg). UserError without
+    words, or where no entry holds them all.
     """
     if not words_of(words):
         raise UserError("no words to look up", "Name an application, such as 'soil moisture'.", value=words)

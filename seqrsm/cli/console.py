@@ -311,20 +311,10 @@ def heading(text: str) -> None:
 def show_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", sides: Sequence[str] = ("left", "right")
 ) -> None:
-    """A table on stdout: ruled on a terminal, blanks between columns when piped.
+    """A table on stdout: ruled on a terminal, blanks between columns when piped; columns and ``title`` may be empty.
 
-    Where its words do not fit beside each other the last columns follow below, beside the first one again.
-
-    Parameters
-    ----------
-    columns : sequence of str
-        Heads; empty for a table without.
-    rows : sequence of sequence of str
-        Taken literally.
-    title : str
-        Printed over it.
-    sides : sequence of str
-        "left" or "right": to which side each column keeps; the last one holds for the columns beyond.
+    Where its words do not fit beside each other the last columns follow below, beside the first one again. ``sides``
+    are "left" or "right": to which side each column keeps; the last one holds for the columns beyond.
     """
     if title:
         heading(title)

@@ -25,15 +25,7 @@ _MAX_FACTORS = 8
 
 
 def parse_factor(text: str) -> Factor:
-    """A factor from ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log`` or ``NAME=LEVEL,LEVEL,...``.
-
-    Raises
-    ------
-    UserError
-        The text is none of these.
-    RegionError
-        Name or values that a factor cannot have.
-    """
+    """A factor from ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log`` or ``NAME=LEVEL,LEVEL,...``; UserError of all else."""
     remedy = 'Write NAME=LOW:HIGH, NAME=LOW:HIGH:log, or NAME=LEVEL,LEVEL; for example "looks=1,2,4".'
     name, equals, rest = (part.strip() for part in text.partition("="))
     if not equals or not name or not rest:
@@ -44,9 +36,8 @@ def parse_factor(text: str) -> Factor:
         try:
             ends = float(low), float(high)
         except ValueError:
-            raise UserError(
-                "the range of a factor is not a pair of numbers", remedy, field="--factor", value=text
-            ) from None
+            message = "the range of a factor is not a pair of numbers"
+            raise UserError(message, remedy, field="--factor", value=text) from None
         if scale.strip() not in ("", "log", "linear"):
             raise UserError("unknown scale", "Use log or linear.", field="--factor", value=text)
         return ContinuousFactor(name, *ends, scale="log" if scale.strip() == "log" else "linear")
@@ -60,10 +51,7 @@ def parse_factor(text: str) -> Factor:
 def factors_of(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...]:
     """Coded continuous factors x1, x2 ... of a number, or those that are declared, see `parse_factor`.
 
-    Raises
-    ------
-    UserError
-        Both are given, neither is, or there are too many.
+    UserError where both are given, neither is, or there are too many.
     """
     if declared and number is not None:
         remedy = "Give --factors or --factor, not both."
@@ -92,13 +80,8 @@ def standalone_design(
     """Make a design of ``factors``, see `factors_of`, and tell how good it is: points, settings, and their quality.
 
     ``runs`` include those at the ``centre``; ``order`` is 1 or 2; rows are in the order made, or in ``random_order``.
-
-    Raises
-    ------
-    DesignError, RegionError
-        Fewer runs than terms, factors or constraints that cannot be.
-    UserError
-        Options that do not go together.
+    DesignError or RegionError of fewer runs than terms, factors or constraints that cannot be; UserError of options
+    that do not go together.
     """
     known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
     if criterion.upper() not in known:
@@ -143,13 +126,7 @@ def _warnings(report: DesignReport, *, saturated: bool) -> list[str]:
 
 
 def write_design(out: Path, design: Mapping[str, Any]) -> None:
-    """Write the runs of a design of `standalone_design` as CSV, natural settings.
-
-    Raises
-    ------
-    UserError
-        The file cannot be written.
-    """
+    """Write the runs of a design of `standalone_design` as CSV, natural settings; UserError where that cannot be."""
     stream = io.StringIO(newline="")
     writer = csv.writer(stream)
     writer.writerow(design["names"])

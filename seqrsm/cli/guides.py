@@ -59,13 +59,7 @@ def show(topic: Topic) -> None:
 
 
 def about(words: str) -> list[Topic]:
-    """Topics whose title holds the words, with all under them, else those whose text does.
-
-    Raises
-    ------
-    UserError
-        There is none.
-    """
+    """Topics whose title holds the words, with all under them, else those whose text does; UserError without any."""
     wanted, known = words.replace("`", "").casefold(), topics()
     found, under = [], 9
     for one in known:

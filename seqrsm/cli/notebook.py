@@ -458,9 +458,8 @@ class Campaign:
         _see(str | Path | None, html=html, pdf=pdf, figures=figures)
         if html is None and pdf is None and figures is None:
             html, pdf = self.folder / "reports" / "report.html", self.folder / "reports" / "report.pdf"
-        files = {
-            name: Path(file) for name, file in (("html", html), ("pdf", pdf), ("figures", figures)) if file is not None
-        }
+        given = {"html": html, "pdf": pdf, "figures": figures}
+        files = {name: Path(file) for name, file in given.items() if file is not None}
         places = [file / "captions.csv" if name == "figures" else file for name, file in files.items()]
         see_writable(*places, make_folder=True)
         for name, file in files.items():
@@ -562,24 +561,16 @@ class Candidates(Sections):
 
 @dataclass(repr=False, eq=False)
 class Fit(Sections):
-    """The fitted model and what follows from it.
-
-    Attributes
-    ----------
-    campaign : Campaign
-        As opened.
-    analyses : tuple of Analysis
-        One for each application, with every number.
-    tests : sequence of sequence of TermTest
-        The tests requested, for each.
-    compromise : CompromiseEstimate or None
-        Over several applications and considerations.
-    """
+    """The fitted model and what follows from it."""
 
     campaign: Opened
+    """As opened."""
     analyses: tuple[Analysis, ...]
+    """One for each application, with every number."""
     tests: Sequence[Sequence[TermTest]]
+    """The tests requested, for each."""
     compromise: CompromiseEstimate | None
+    """Over several applications and considerations."""
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:  # type: ignore[override]

@@ -92,9 +92,8 @@ def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
         number = int(part) if part.isdecimal() and len(part) <= 5 else 0
         if not layer or not (number if option == "band" else part):
             remedy = "a number from 1, as in cover=2" if option == "band" else "a name, as in cover=crop"
-            problems.append(
-                Problem(f"no {option} is named", f"Write a layer and {remedy}", field=f"--{option}", value=text)
-            )
+            remedy = f"Write a layer and {remedy}"
+            problems.append(Problem(f"no {option} is named", remedy, field=f"--{option}", value=text))
         out[layer] = number if option == "band" else part
     if problems:
         raise SceneError(*problems)

@@ -44,10 +44,8 @@ def show_proposals(spec: CampaignSpec, runs: Sequence[RunRecord], *, of_source: 
 def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Runs that were carried out."""
     for run in runs:
-        found = (
-            ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores) or run.reason
-        )
-        line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
+        scores = ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores)
+        line(f"run {run.run_id}: {run.state}, {scores or run.reason} ({settings_text(spec.factors, run.settings)})")
     failed = sum(run.state == "failed" for run in runs)
     line(f"{counted(len(runs), 'run')} completed" + f", {failed} without a score" * bool(failed))
 

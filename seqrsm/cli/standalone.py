@@ -132,11 +132,7 @@ def output_schema(command: str) -> dict[str, Any]:
     """The schema, draft 2020-12, of a command's document, with the definitions that it needs.
 
     Tests hold every command's documents against those of ``json_schemas.json``, and no field may be missing there.
-
-    Raises
-    ------
-    UserError
-        No command of this name prints JSON.
+    UserError where no command of this name prints JSON.
     """
     held = json.loads(Path(__file__).with_name("json_schemas.json").read_text(encoding="utf-8"))
     if command not in held["commands"]:

@@ -85,18 +85,9 @@ def confirmation_agrees(
 ) -> Agreement:
     """Test fresh runs against the model's prediction for their mean.
 
-    Parameters
-    ----------
-    confirmation : ConfirmationInterval
-        The fresh runs.
-    predicted : float
-        Estimated mean at the settings, before the fresh runs.
-    half_width : float
-        Of the prediction interval for that mean, at the level of the fresh runs' own interval.
-    df : float
-        Degrees of freedom that it was made with.
-    text : str
-        What was measured and predicted, in score units, with a place for the verdict and one for its p.
+    ``predicted`` was estimated before the fresh runs, with a prediction interval for that mean of ``half_width`` at the
+    level of the fresh runs' own, made with ``df`` degrees of freedom. ``text`` says in score units what was measured
+    and predicted, with a place for the verdict and one for its p.
     """
     se = half_width / float(t_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted

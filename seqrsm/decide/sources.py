@@ -261,17 +261,10 @@ def to_flight(model: QuadraticModel, coefficients: FloatArray) -> FloatArray:
 def source_prior(
     model: QuadraticModel, n_extra: int, prior_sd: float, sigma: float, base: NormalInverseGamma | None = None
 ) -> NormalInverseGamma:
-    """Prior of the stacked model: the discrepancy around zero with `discrepancy_sd`, ``base`` for the rest.
+    """Prior of the stacked model: the discrepancy around zero with `discrepancy_sd`, the rest as ``base`` (flat).
 
-    Parameters
-    ----------
-    model : QuadraticModel
-    n_extra : int
-        Columns of blocks.
-    prior_sd, sigma : float
-        Score units, > 0: of the discrepancy's intercept, and of one simulated run.
-    base : NormalInverseGamma, optional
-        Prior of the p model terms; flat by default.
+    There are ``n_extra`` columns of blocks; ``prior_sd`` and ``sigma`` are those of the discrepancy's intercept and of
+    one simulated run, score units, > 0.
     """
     of_discrepancy = (sigma / discrepancy_sd(model, prior_sd)) ** 2
     return with_further(Flat() if base is None else base, model.p, np.append(of_discrepancy, np.zeros(n_extra)))
@@ -288,32 +281,13 @@ def fit_sources(
     prior_sd: float,
     ratio: float = 1.0,
 ) -> SourceFit:
-    """Fit simulated runs and flights together.
+    """Fit simulated runs and flights together, of scores y (n,) at coded points (n, k).
 
-    The variance of each source is estimated from its own residuals, with ``ratio`` as a guess worth two runs.
-    Intervals and draws do not take these two as known: they are mixtures over the ratio's posterior.
-
-    Parameters
-    ----------
-    model : QuadraticModel
-    points : ndarray (n, k)
-        Coded.
-    y : ndarray (n,)
-        Scores.
-    is_flight : sequence (n,) of bool
-    weights : ndarray (n,), optional
-        Relative weights within a source.
-    extra : ndarray (n, e), optional
-        Columns of blocks, `blocks_within`.
-    prior_sd : float
-        Of the discrepancy's intercept, score units, as in `discrepancy_sd`.
-    ratio : float, optional
-        Guess of the variance of a simulation over that of a flight, > 0.
-
-    Raises
-    ------
-    FitError
-        Runs and priors leave a coefficient or sigma undetermined.
+    The variance of each source is estimated from its own residuals, with a guess ``ratio`` > 0 of a simulation's over a
+    flight's, worth two runs. Intervals and draws do not take these two as known: they are mixtures over the ratio's
+    posterior. ``weights`` (n,) are relative within a source, ``extra`` (n, e) columns of blocks, see `blocks_within`;
+    ``prior_sd``, score units, as in `discrepancy_sd`. FitError where runs and priors leave a coefficient or sigma
+    undetermined.
     """
     flights = np.asarray(is_flight, dtype=np.bool_)
     n = len(y)
@@ -338,9 +312,8 @@ def fit_sources(
             break
     w = np.where(flights, own * ratio, own)
     found = posterior(Z, y, w, source_prior(model, blocks.shape[1], prior_sd, sigma))
-    left = (
-        found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, prior_sd) ** 2)
-    )
+    of_prior = np.sum(discrepancy_sd(model, prior_sd) ** 2)
+    left = found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / of_prior
     runs = StackedRuns(Z, y, own, flights, guess)
     return SourceFit(
         estimate=to_flight(model, found.mean[None, :])[0],

@@ -270,10 +270,7 @@ def _slack(node: Node, settings: Mapping[str, Any]) -> FloatArray:
 class Constraint:
     """Condition on the settings, such as ``looks <= 4 * (resolution / 12.1) ** 2``.
 
-    Raises
-    ------
-    RegionError
-        Naming the expression, the column and what is allowed.
+    RegionError names the expression, the column and what is allowed.
     """
 
     expr: str
@@ -299,13 +296,10 @@ class Constraint:
         return self.numeric_names | {name for name, _ in self.labels}
 
     def slack(self, settings: Mapping[str, Any]) -> FloatArray:
-        """How far the condition is from being violated, at natural values (n,) by name, of categorical factors levels.
+        """How far (n,) the condition is from being violated, at natural values (n,) by name; of categories, levels.
 
-        Returns
-        -------
-        ndarray (n,)
-            Difference of the sides over the sum of the sizes of what was added up in them, in [-1, 1]; >= 0 is
-            feasible. Smallest over ``and``, largest over ``or``; -1 where a side is undefined.
+        Difference of the sides over the sum of the sizes of what was added up in them, in [-1, 1]; >= 0 is feasible.
+        Smallest over ``and``, largest over ``or``; -1 where a side is undefined.
         """
         n = max((np.asarray(settings[name]).size for name in self.names), default=1)
         with np.errstate(all="ignore"):

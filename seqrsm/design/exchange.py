@@ -104,19 +104,13 @@ def search_candidates(
 def search_region(
     model: QuadraticModel, region: Region, task: Task, searches: int, seed: int
 ) -> tuple[FloatArray, int, int]:
-    """Search a region by so many local searches at most.
+    """Best rows (n, k) by so many local searches of a region; how many ended at their value, of how many made.
 
     Chains of local searches: the first from random candidates, each further one from the best of its chain with some
     rows drawn anew (iterated local search); where many come to one value, they end early. In a box each ends in a
     descent of all coordinates, which is dear within constraints. The best of the best few chains are exchanged and
-    descended until neither gains: candidates jump over oblique edges, descent finds what lies between them.
-
-    Returns
-    -------
-    ndarray (n, k)
-        Best rows found.
-    int, int
-        How many of the searches ended at their value, 0 where all were singular; and how many were made.
+    descended until neither gains: candidates jump over oblique edges, descent finds what lies between them. None ends
+    where all were singular.
     """
     rng = np.random.default_rng([seed, 1])
     candidates = region.candidates(5 if region.k <= _FEW_FACTORS else 3, limit=_CANDIDATES)

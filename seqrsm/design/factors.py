@@ -104,13 +104,7 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
 
 @dataclass(frozen=True, slots=True)
 class ContinuousFactor:
-    """Numeric factor that takes any value of a closed interval.
-
-    Raises
-    ------
-    RegionError
-        With all that is wrong.
-    """
+    """Numeric factor that takes any value of a closed interval; RegionError with all that is wrong."""
 
     name: str
     """Identifier of letters, digits and underscores."""
@@ -152,13 +146,7 @@ class ContinuousFactor:
 
 @dataclass(frozen=True, slots=True)
 class DiscreteFactor:
-    """Numeric factor that takes only the values listed.
-
-    Raises
-    ------
-    RegionError
-        With all that is wrong.
-    """
+    """Numeric factor that takes only the values listed; RegionError with all that is wrong."""
 
     name: str
     """Identifier of letters, digits and underscores."""
@@ -217,13 +205,7 @@ class DiscreteFactor:
 
 @dataclass(frozen=True, slots=True)
 class CategoricalFactor:
-    """Factor whose levels have no order, such as the polarization.
-
-    Raises
-    ------
-    RegionError
-        With all that is wrong.
-    """
+    """Factor whose levels have no order, such as the polarization; RegionError with all that is wrong."""
 
     name: str
     """Identifier of letters, digits and underscores."""

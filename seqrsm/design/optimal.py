@@ -45,26 +45,12 @@ def optimal_design(
     seed: int = 0,
     fixed: FloatArray | None = None,
 ) -> Design:
-    """Choose the runs that estimate the model best.
+    """Choose ``n_runs`` runs, beside the ``fixed`` ones (m, k), that estimate the model best; a run may be repeated.
 
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-        Over the same factors.
-    n_runs : int
-        Runs to choose, beside the fixed ones; a run may be repeated.
-    criterion : {"D", "I", "A"}
-        ``"D"``: smallest confidence region of the coefficients; ``"I"``: smallest mean prediction variance over the
-        region; ``"A"``: smallest mean variance of the coefficients.
-    seed : int
-        The same seed gives the same design; where matrices are rounded otherwise, now and then another one as good.
-    fixed : ndarray (m, k), optional
-        Runs already made or decided: counted, never moved.
-
-    Raises
-    ------
-    DesignError
-        Fewer runs than terms that fixed runs do not carry, or terms that no runs in the region can tell apart.
+    The criterion is "D": smallest confidence region of the coefficients; "I": smallest mean prediction variance over
+    the region; or "A": smallest mean variance of the coefficients. Fixed runs are counted, never moved. The same seed
+    gives the same design; where matrices are rounded otherwise, now and then another one as good. DesignError of fewer
+    runs than terms that fixed runs do not carry, or of terms that no runs in the region can tell apart.
     """
     kept = np.empty((0, model.k)) if fixed is None else np.asarray(fixed, dtype=np.float64)
     _check_count(model, n_runs, kept)
@@ -92,37 +78,16 @@ def start_design(
     seed: int = 0,
     fixed: FloatArray | None = None,
 ) -> FloatArray:
-    """First runs of a campaign: repeats of the central point and runs around them that tell the terms apart.
+    """First runs of a campaign (n_runs, k), coded: repeats of the central point, then runs that tell the terms apart.
 
     The runs are D-optimal among three levels of each continuous factor, all levels of others and points on the
-    constraints. One in four is then drawn in half-way to the centre, those that cost the determinant least: runs
-    at the edges alone cannot tell a gain that levels off from a slope, and see no hump between them (Box & Draper 1959,
-    J. Am. Stat. Assoc. 54, 622-654: against bias, designs are drawn in).
+    constraints. One in four is then drawn in half-way to the centre, those that cost the determinant least: runs at the
+    edges alone cannot tell a gain that levels off from a slope, and see no hump between them (Box & Draper 1959, J. Am.
+    Stat. Assoc. 54, 622-654: against bias, designs are drawn in). Their order is no run order.
 
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-        Over the same factors.
-    n_runs : int
-        Runs in all, at least p + ``centre_repeats`` - 1.
-    centre_repeats : int
-        Repeats of :meth:`Region.centre` (coded 0; the discrete level nearest to it; the first level of each categorical
-        factor; a feasible point next to it where constraints cut it off). All at one setting, so that they give
-        ``centre_repeats - 1`` degrees of freedom of pure error.
-    seed : int
-        As in :func:`optimal_design`.
-    fixed : ndarray (m, k), optional
-        Runs already made, in place of the repeats at the centre: counted in ``n_runs``, and not given back.
-
-    Returns
-    -------
-    ndarray (n_runs, k) or (n_runs - m, k)
-        Coded points, the repeats first; the order is no run order.
-
-    Raises
-    ------
-    DesignError
-        As `optimal_design`.
+    There are p + ``centre_repeats`` - 1 at least. Repeats are all at :meth:`Region.centre`, so that they give
+    ``centre_repeats - 1`` degrees of freedom of pure error. Runs already made, ``fixed`` (m, k), take their place: they
+    are counted in ``n_runs``, and not given back. Seed and errors are those of `optimal_design`.
     """
     kept = np.tile(region.centre(), (centre_repeats, 1)) if fixed is None else np.asarray(fixed, dtype=np.float64)
     n = n_runs - len(kept)

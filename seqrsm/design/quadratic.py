@@ -26,8 +26,8 @@ class Term:
     name: str
     """``"intercept"``, ``"frequency"``, ``"frequency^2"``, ``"frequency:resolution"``, ``"polarization[VV]"``,
     ``"polarization[VV]:frequency"``."""
+
     kind: TermKind
-    """"""
     factors: tuple[str, ...]
     """Names of the factors in it; none for the intercept."""
 
@@ -103,13 +103,7 @@ class QuadraticModel(OfFactors):
         return tuple(columns)
 
     def base(self, points: FloatArray) -> FloatArray:
-        """Return the base columns (n, m) of coded points (n, k): one, numeric factors, contrasts.
-
-        Raises
-        ------
-        ValueError
-            A level index that is none.
-        """
+        """Base columns (n, m) of coded points (n, k): one, numeric factors, contrasts; ValueError of no such level."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         columns = [np.ones((points.shape[0], 1)), points[:, list(self.numeric)]]
         for i in self.categorical:
@@ -176,10 +170,8 @@ def _products(factors: tuple[Factor, ...], places: tuple[range, ...], order: int
     numeric = [f for f in factors if not isinstance(f, CategoricalFactor)]
     columns: dict[str, list[tuple[str, int]]] = {}
     for factor, place in zip(factors, places, strict=True):
-        labels = (
-            [f"{factor.name}[{v}]" for v in factor.levels] if isinstance(factor, CategoricalFactor) else [factor.name]
-        )
-        columns[factor.name] = list(zip(labels, place, strict=False))
+        levels = [f"[{level}]" for level in factor.levels] if isinstance(factor, CategoricalFactor) else [""]
+        columns[factor.name] = [(f"{factor.name}{level}", i) for level, i in zip(levels, place, strict=False)]
     products = [(Term("intercept", "intercept", ()), 0, 0)]
     products += [(Term(f.name, "linear", (f.name,)), 0, columns[f.name][0][1]) for f in numeric]
     for factor in factors:

@@ -80,10 +80,7 @@ def declaration_problems(factors: Sequence[Factor], constraints: Sequence[Constr
 class Region(OfFactors):
     """Allowed settings of the factors.
 
-    Raises
-    ------
-    RegionError
-        Names that do not fit, or constraints that leave no setting (naming those in conflict).
+    RegionError of names that do not fit, or of constraints that leave no setting (naming those in conflict).
     """
 
     factors: tuple[Factor, ...]
@@ -138,12 +135,8 @@ class Region(OfFactors):
         """Coded points (n, k) of settings in natural units.
 
         Settings need not be feasible: a run that was flown is a fact. Numbers may come as text; further keys are left
-        alone.
-
-        Raises
-        ------
-        RegionError
-            Every factor that is missing, every unknown level and every value that is no finite number.
+        alone. RegionError tells every factor that is missing, every unknown level and every value that is no finite
+        number.
         """
         values = np.empty((len(settings), self.k))
         problems: list[Problem] = []
@@ -255,17 +248,10 @@ class Region(OfFactors):
         return moved
 
     def half_sides(self, at: FloatArray, runs: FloatArray) -> FloatArray:
-        """Half the side of the largest box about each place that has no run in it and lies within the ranges.
+        """Half the side (n,), coded, of the largest box about each place ``at`` (n, k) without any of the runs (r, k).
 
-        Parameters
-        ----------
-        at, runs : ndarray (n, k), (r, k)
-            Coded settings.
-
-        Returns
-        -------
-        ndarray (n,)
-            Coded, 0 to 1; 0 at a run, whatever its level of the categorical factors. Below 0 outside the ranges.
+        It lies within the ranges: 0 to 1; 0 at a run, whatever its level of the categorical factors; below 0 outside
+        them.
         """
         numeric = list(self.numeric)
         found: FloatArray = 1.0 - np.max(np.abs(at[:, list(self.continuous)]), axis=1, initial=0.0)

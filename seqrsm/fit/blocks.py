@@ -56,10 +56,8 @@ class RandomBlockPosterior:
 
     def sigma_ratio_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Credible interval of sigma_day / sigma."""
-        cumulative = np.concatenate([[0.0], np.cumsum(self.shares)])
-        edges = np.sqrt(
-            np.concatenate([[self.ratios[0]], np.sqrt(self.ratios[1:] * self.ratios[:-1]), self.ratios[-1:]])
-        )
+        cumulative, ratios = np.concatenate([[0.0], np.cumsum(self.shares)]), self.ratios
+        edges = np.sqrt(np.concatenate([ratios[:1], np.sqrt(ratios[1:] * ratios[:-1]), ratios[-1:]]))
         tail = 0.5 * (1.0 - level)
         low, high = np.interp([tail, 1.0 - tail], cumulative, edges)
         return float(low), float(high)
@@ -113,24 +111,11 @@ class RandomBlockPosterior:
 def fit_random_blocks(
     Z: FloatArray, y: FloatArray, days: Sequence[object], *, weights: FloatArray | None = None, inflation: float = 1.0
 ) -> RandomBlockPosterior:
-    """Fit ``y = Z beta + u_day + e``.
+    """Fit ``y = Z beta + u_day + e``, of y (n,) and Z (n, p) without block columns, n > p, of full rank.
 
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Model matrix without block columns, n > p, of full rank.
-    y : ndarray (n,)
-    days : sequence (n,)
-        Day of each run.
-    weights : ndarray (n,), optional
-        Inverse relative variances of the runs' own errors.
-    inflation : float
-        Variance of the coefficients over that which these weights tell, see `ErrorModel.inflation`.
-
-    Raises
-    ------
-    FitError
-        A single day, no residual degrees of freedom, or terms the runs cannot tell apart.
+    ``days`` (n,) names that of each run; ``weights`` (n,) are inverse relative variances of the runs' own errors. The
+    variance of coefficients is ``inflation`` times what these tell, see `ErrorModel.inflation`. FitError of a single
+    day, without residual degrees of freedom, or of terms the runs cannot tell apart.
     """
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)

@@ -116,18 +116,10 @@ def stationary_point(
     levels: tuple[int, ...] = (),
     variance: Callable[[FloatArray], FloatArray] | None = None,
 ) -> StationaryPoint:
-    """Stationary point and canonical analysis of a fitted model.
+    """Stationary point and canonical analysis of a fitted model with coded coefficients ``beta`` (p,), in a region.
 
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-        The model and where it may be used.
-    beta : ndarray (p,)
-        Coded coefficients.
-    levels : tuple of int
-        Level index of each categorical factor, in factor order.
-    variance : callable, optional
-        Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
+    ``levels``: index of the level of each categorical factor, in factor order. ``variance`` gives variances (m,) of
+    linear functions (m, p) of the coefficients, for standard errors.
     """
     surface = model.forms(beta, levels)
     form = canonical_form(surface)
@@ -223,14 +215,9 @@ def _ridge_warning(form: CanonicalForm, names: list[str], level: bool) -> str:
 def variance_shares(model: QuadraticModel, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shares of the variance of surfaces with coefficients ``beta`` (..., p), such as posterior draws, over the box.
 
-    Constraints are left out: they would make the factors dependent, and shares then have no unique meaning.
-
-    Returns
-    -------
-    first_order : ndarray (..., k)
-        Share that a factor explains alone: Var E[f | x_j] / Var f. They sum to at most 1; nan where Var f is 0.
-    total : ndarray (..., k)
-        Share that would be left if all other factors were known: first order plus all of its interactions.
+    First (..., k) what a factor explains alone: Var E[f | x_j] / Var f, at most 1 in all; nan where Var f is 0. Then
+    (..., k) what would be left if all others were known: this with all of its interactions. Constraints are left out:
+    they would make the factors dependent, and shares then have no unique meaning.
     """
     beta = np.asarray(beta, dtype=np.float64)
     means, moments = model.part_moments()

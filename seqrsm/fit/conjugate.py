@@ -75,15 +75,8 @@ def bounded_draws(
 ) -> tuple[tuple[FloatArray, ...], float]:
     """Draws that hold the bounds, and the share of all draws that do: the probability without bounds.
 
-    Parameters
-    ----------
-    draw : callable
-        So many draws -> coefficients (m, p) and whatever belongs to them, each (m, ...).
-    bounds : LinearBounds
-    n : int
-        Draws wanted; fewer are given where hardly any hold.
-    most : int
-        Times ``n`` that are drawn at most.
+    ``draw`` makes so many: coefficients (m, p) and whatever belongs to them, each (m, ...). ``n`` are wanted; fewer are
+    given where hardly any of ``most`` times as many hold.
     """
     kept: list[tuple[FloatArray, ...]] = []
     made = found = 0
@@ -99,16 +92,9 @@ def bounded_draws(
 def mixture_quantile(
     probability: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Quantile (m,) of m mixtures of Student's t.
+    """Quantile (m,) of mixtures of Student's t at a ``probability`` in (0, 1).
 
-    Parameters
-    ----------
-    probability : float
-        In (0, 1).
-    shares, df : ndarray (c,), (c,) or ()
-        Of the parts, in every mixture.
-    centre, scale : ndarray (m, c)
-        Scales > 0.
+    Parts have ``shares`` (c,) and ``df`` (c,) or () in every mixture, and each its ``centre`` and ``scale`` > 0 (m, c).
     """
     each = centre + scale * stdtrit(df, probability)
     margin = 1e-9 * (np.abs(each).max(axis=1) + scale.max(axis=1))
@@ -162,9 +148,7 @@ def mixture_interval(
 ) -> Interval:
     """Equal-tailed interval of each mixture."""
     tail = 0.5 * (1.0 - level)
-    return Interval(
-        mixture_quantile(tail, shares, df, centre, scale), mixture_quantile(1.0 - tail, shares, df, centre, scale)
-    )
+    return Interval(*(mixture_quantile(end, shares, df, centre, scale) for end in (tail, 1.0 - tail)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,22 +252,10 @@ def _student_within(df: float, low: FloatArray, high: FloatArray, rng: np.random
 def posterior(
     Z: FloatArray, y: FloatArray, weights: FloatArray | None = None, prior: Prior | None = None
 ) -> ConjugatePosterior:
-    """Exact posterior of ``y = Z beta + e``, e_i ~ N(0, sigma^2 / weight_i).
+    """Exact posterior of ``y = Z beta + e``, e_i ~ N(0, sigma^2 / weight_i), of coded rows Z (n, p) and scores y (n,).
 
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Coded model matrix. n <= p is allowed when the prior determines what the runs do not.
-    y : ndarray (n,)
-    weights : ndarray (n,), optional
-        Inverse relative variances, > 0; default 1.
-    prior : Flat or NormalInverseGamma, optional
-        Default flat.
-
-    Raises
-    ------
-    FitError
-        Runs and prior together leave a coefficient or sigma undetermined.
+    Weights (n,) > 0 are 1 and the prior is flat by default; n <= p is allowed where the prior determines what the runs
+    do not. FitError where both leave a coefficient or sigma undetermined.
     """
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     n, p = Z.shape
@@ -324,10 +296,8 @@ def weakly_informative(kinds: Sequence[str], y: FloatArray) -> NormalInverseGamm
     noise = 0.25 * scale
     intercept = np.array(kinds) == "intercept"
     sd = np.where(intercept, 10.0, 2.5) * scale
-    a0 = 1.5
-    return NormalInverseGamma(
-        np.where(intercept, np.mean(y) if y.size else 0.0, 0.0), np.diag(np.square(noise / sd)), a0, a0 * noise**2
-    )
+    mean, a0 = np.where(intercept, np.mean(y) if y.size else 0.0, 0.0), 1.5
+    return NormalInverseGamma(mean, np.diag(np.square(noise / sd)), a0, a0 * noise**2)
 
 
 def _root(Lambda0: FloatArray) -> FloatArray:

@@ -58,28 +58,11 @@ def climb(
     rng: np.random.Generator,
     steps: int = 40,
 ) -> tuple[FloatArray, FloatArray]:
-    """Improve feasible points step by step, each for its own quadratic.
+    """Improve feasible points ``starts`` (m, k), each for its own quadratic: points, never worse, and values (m,).
 
-    Parameters
-    ----------
-    region : Region
-        With constraints.
-    forms : Quadratics
-        m, in the continuous factors, the other columns of ``starts`` held.
-    starts : ndarray (m, k)
-        Feasible points.
-    anchors : ndarray (m, k)
-        Feasible points well inside, at the same levels: a step along a curved boundary is drawn back towards them.
-    rng : numpy.random.Generator
-        For the random directions.
-    steps : int
-        Steps tried; each row has its own step length, which grows on success and shrinks on failure.
-
-    Returns
-    -------
-    points : ndarray (m, k)
-        Feasible, never worse than ``starts``.
-    values : ndarray (m,)
+    The m ``forms`` are in the continuous factors, the other columns held. A step along a curved boundary is drawn back
+    towards ``anchors`` (m, k), feasible points well inside at the same levels. Of ``steps`` each row has its own
+    length, which grows on success and shrinks on failure; ``rng`` is for the random directions.
     """
     free = list(region.continuous)
     points = starts.copy()

@@ -39,23 +39,11 @@ def elicited_prior(
 ) -> NormalInverseGamma:
     """Conjugate prior of the model's coefficients that says what the statements say.
 
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-    utility : tuple of float
-        The utility at a setting taken at random lies between these, low < high, with ``probability`` in [0.5, 1).
-    repeat_sd, repeat_runs : float
-        Runs repeated at one setting scatter by this, said with the weight of so many observations, both > 0.
-    optimum : Mapping
-        By numeric factor: where its best value is expected, natural units, and the standard deviation of that as a
-        share of half the factor's (coded) range, > 0.
-    goal : "maximize" or "minimize"
-        Sign of the curvature that an optimum implies.
-
-    Returns
-    -------
-    NormalInverseGamma
-        With sigma at its prior guess the statements hold as made; through sigma's own doubt the tails are heavier.
+    The ``utility`` at a setting taken at random lies between low < high with ``probability`` in [0.5, 1). Runs repeated
+    at one setting scatter by ``repeat_sd``, said with the weight of ``repeat_runs`` observations, both > 0.
+    ``optimum``: by numeric factor where its best value is expected, natural units, and the standard deviation of that
+    as a share of half the factor's (coded) range, > 0; the ``goal`` gives the curvature's sign. With sigma at its prior
+    guess the statements hold as made; through sigma's own doubt the tails are heavier.
     """
     low, high = utility
     spread = 0.5 * (high - low) / float(ndtri(0.5 + 0.5 * probability))

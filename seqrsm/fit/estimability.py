@@ -15,18 +15,12 @@ _CANDIDATES = 5000  # settings to choose from
 
 
 def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """The smallest set of further runs after which the model is estimable, and the terms that no run would mend.
+    """The smallest set of further runs (r, k) after which the model is estimable, and the terms that no run would mend.
 
     Each run removes one dependence at most, so a greedy choice that removes one with every run is a smallest set. Of
     the candidates that do, the one is taken that is most informative on what is still undetermined. ``points`` (n, k)
-    are coded settings of the runs made so far; n may be 0.
-
-    Returns
-    -------
-    ndarray (r, k)
-        Coded settings, r the number of independent dependences that runs in the region can remove.
-    tuple of str
-        Terms that no run of the region can tell apart: the factors or constraints are at fault, not the runs.
+    are coded settings of the runs made so far; n may be 0. Of the terms that no run of the region can tell apart the
+    factors or constraints are at fault, not the runs.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, region.k)
     candidates = region.candidates(3, limit=_CANDIDATES)

@@ -143,24 +143,14 @@ def face_maxima(forms: Quadratics) -> Iterator[tuple[IntArray, FloatArray, Float
     """Stationary points of m quadratics on every face of the cube on which they can have a maximum.
 
     A face on which one is not strictly concave is left out for it: its maximum there, if any, is also attained on a
-    smaller face.
-
-    Yields
-    ------
-    rows : ndarray (r,) of int
-        Which quadratics.
-    points : ndarray (r, f, q)
-        The stationary point on each of the f faces with the same free coordinates, clipped to the cube.
-    values : ndarray (r, f)
-        Value there; -inf where the stationary point lies outside the face.
+    smaller face. By sets of f faces with the same free coordinates: which quadratics (r,), their points (r, f, q),
+    clipped to the cube, and the values there (r, f), -inf where the stationary point lies outside the face.
     """
     _, linear, quadratic = forms
     m, q = linear.shape
     scale = _scale(forms)
     for size in range(q + 1):
-        signs = np.array(list(product((-1.0, 1.0), repeat=q - size)), dtype=np.float64).reshape(
-            2 ** (q - size), q - size
-        )
+        signs = np.array(list(product((-1.0, 1.0), repeat=q - size))).reshape(2 ** (q - size), q - size)
         for free_set in combinations(range(q), size):
             free = np.array(free_set, dtype=np.int64)
             fixed = np.setdiff1d(np.arange(q), free)

@@ -24,28 +24,13 @@ def gathered(
     scales: FloatArray,
     most: int,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """At most ``most`` groups of runs, and the settings and scores by which each counts in its group.
+    """At most ``most`` groups of runs: of each its number (n,), the group's mean settings (n, k), its score there (n,).
 
-    Groups are divided at the mean of the factor in which they are widest, the one with most squares first.
-
-    Parameters
-    ----------
-    model : QuadraticModel
-    points : ndarray (n, k)
-        Coded settings.
-    y, weights : ndarray (n,)
-        Scores, and relative weights, > 0.
-    kind : ndarray (n, j)
-        Runs with equal rows may be gathered; at most ``most`` rows are different.
-    guess : callable
-        Of the surface at coded points (m, k), which a quadratic by least squares makes better.
-    scales : ndarray (q,)
-        By which distances along each numeric factor are multiplied: the more a factor matters, the larger.
-
-    Returns
-    -------
-    ndarray (n,), (n, k), (n,)
-        Of each run: the number of its group, the group's mean settings by the weights, and its score there.
+    Groups are divided at the mean of the factor in which they are widest, the one with most squares first; distances
+    along each numeric factor are multiplied by ``scales`` (q,): the more a factor matters, the larger. Runs at coded
+    points (n, k) have scores and relative weights > 0 (n,); those with equal rows of ``kind`` (n, j), of which at most
+    ``most`` are different, may be gathered. ``guess`` is one of the surface at coded points (m, k), which a quadratic
+    by least squares makes better.
     """
     group = _groups(points[:, list(model.numeric)] * scales, kind, most)
     middle, total = np.array(points, dtype=np.float64), np.bincount(group, weights)

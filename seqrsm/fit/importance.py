@@ -48,19 +48,15 @@ def weighted_draws(log_density: Callable[[FloatArray], FloatArray], d: int, rng:
     """Draws by importance, of late rounds: from the peak, in rounds of kernels about the draws before.
 
     The first round is Student's distribution with the curvature of the peak (Tierney & Kadane 1986, J. Am. Stat. Assoc.
-    81, 82-86). Each later one is a mixture of narrower ones about the weighted draws of the round before, drawn in
-    so that their spread stays that of all (West 1993, Computing Science and Statistics 24, 325-333): it follows
-    ridges and bends that one distribution does not. Some draws of each spread as far as the prior and find what lies
-    away from the peak (Hesterberg 1995, Technometrics 37, 185-194). Where the density still reaches further, single
-    draws would have most of the weight: but for the evidence, it is at most the mean times the root of their number
-    (Ionides 2008, J. Comput. Graph. Stat. 17, 295-311).
+    81, 82-86). Each later one is a mixture of narrower ones about the weighted draws of the round before, drawn in so
+    that their spread stays that of all (West 1993, Computing Science and Statistics 24, 325-333): it follows ridges and
+    bends that one distribution does not. Some draws of each spread as far as the prior and find what lies away from the
+    peak (Hesterberg 1995, Technometrics 37, 185-194). Where the density still reaches further, single draws would have
+    most of the weight: but for the evidence, it is at most the mean times the root of their number (Ionides 2008, J.
+    Comput. Graph. Stat. 17, 295-311).
 
-    Parameters
-    ----------
-    log_density : callable
-        Of rows (m, d), where the prior is standard normal: log likelihood - |z|^2 / 2; -inf where a |z| is 5 or more.
-    d : int
-    rng : numpy.random.Generator
+    ``log_density`` is of rows (m, d) where the prior is standard normal: log likelihood - |z|^2 / 2; -inf where a |z|
+    is 5 or more.
     """
     peak, spread = _peak(log_density, d)
     centres, shares, kernel = peak[None, :], np.ones(1), spread

@@ -74,13 +74,7 @@ _NAMED = 12  # terms of a dependence
 
 
 class AliasedError(FitError):
-    """The runs cannot tell some terms apart.
-
-    Attributes
-    ----------
-    n_dependent : int
-        Linear dependences among the terms.
-    """
+    """The runs cannot tell some terms apart, of ``n_dependent`` linear dependences."""
 
     def __init__(self, terms: Sequence[str], n_dependent: int) -> None:
         more = f" and {len(terms) - _NAMED} more" if len(terms) > _NAMED else ""
@@ -170,19 +164,11 @@ class LeastSquaresFit:
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
-        """Estimated response, confidence and prediction interval.
+        """Estimated response, confidence and prediction interval at model rows (m, p), in ``level`` of cases.
 
-        Parameters
-        ----------
-        rows : ndarray (m, p)
-            Model rows; without the block columns they mean the average block.
-        level : float
-            Coverage, in (0, 1).
-        weight : float or ndarray (m,)
-            Weight of a future run, > 0.
-        replicates : float
-            Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
-            response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
+        Rows without the block columns mean the average block. Future runs have a ``weight`` > 0, one or (m,); covered
+        is the mean of ``replicates`` >= 1 of them, whose variance about the true mean response is sigma^2 / (replicates
+        * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
         """
         rows = self.rows_with_mean_block(rows)
         mean = rows @ self.estimate
@@ -411,14 +397,10 @@ def _over(part: float, whole: float) -> float:
 
 
 def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Sum-to-zero contrasts of blocks (flight days, sources), taken in the order of first appearance.
+    """Sum-to-zero contrasts (n, b - 1) of blocks (flight days, sources), by order of first appearance, and names.
 
-    Returns
-    -------
-    columns : ndarray (n, b - 1)
-        Column j is 1 in block j, -1 in the last block, else 0; zeros are the unweighted mean of the blocks.
-    names : tuple of str
-        ``"block[<id>]"``, to be appended to the terms: a plain string is a block column.
+    Column j is 1 in block j, -1 in the last block, else 0; zeros are the unweighted mean of the blocks. Names
+    ``"block[<id>]"`` are to be appended to the terms: a plain string is a block column.
     """
     ids = list(block_ids)
     order = list(dict.fromkeys(ids))
@@ -470,9 +452,8 @@ def normal_plot(fit: LeastSquaresFit) -> NormalPlot:
     residuals = fit.studentised[runs]
     quantiles = np.asarray(ndtri((np.arange(1.0, runs.size + 1.0) - 0.375) / (runs.size + 0.25)), dtype=np.float64)
     spread = runs.size > 2 and float(np.ptp(residuals)) > 0.0
-    return NormalPlot(
-        runs, quantiles, residuals, float(np.corrcoef(quantiles, residuals)[0, 1]) if spread else float("nan")
-    )
+    correlation = float(np.corrcoef(quantiles, residuals)[0, 1]) if spread else float("nan")
+    return NormalPlot(runs, quantiles, residuals, correlation)
 
 
 def outlier_p(fit: LeastSquaresFit) -> FloatArray:

@@ -129,14 +129,10 @@ def factorise(Z: FloatArray) -> Factorisation:
 def solve_augmented(
     X: FloatArray, Q: FloatArray, R: FloatArray, f: FloatArray, g: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve ``r + X b = f``, ``X'r = g`` for several right-hand sides f (n, m) and g (r, m), to double precision.
+    """Solve ``r + X b = f``, ``X'r = g`` for several f (n, m) and g (r, m): b (r, m) and residuals (n, m).
 
-    X (n, r) has full rank and is factorised, ``X = Q R``.
-
-    Returns
-    -------
-    b, residual : ndarray (r, m), (n, m)
-        Relative error near one ulp in norm as long as cond(X) is below about 1e15.
+    X (n, r) has full rank and is factorised, ``X = Q R``. The relative error is near one ulp in norm as long as cond(X)
+    is below about 1e15.
     """
     r_high, r_low = np.zeros_like(f), np.zeros_like(f)
     b_high, b_low = np.zeros_like(g), np.zeros_like(g)
@@ -167,9 +163,7 @@ def solve_augmented(
 
 def solve(factors: Factorisation, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least-squares coefficients (p,) and residuals (n,), for unscaled columns; of full rank."""
-    basis = factors.pivot
-    coefficients = np.zeros(factors.rank)
-    g = np.zeros((factors.rank, 1))
+    basis, coefficients, g = factors.pivot, np.zeros(factors.rank), np.zeros((factors.rank, 1))
     b, r = solve_augmented(np.ascontiguousarray(factors.X[:, basis]), factors.Q, factors.R, y[:, None], g)
     coefficients[basis] = b[:, 0] * factors.scale[basis]
     return coefficients, r[:, 0]
@@ -187,11 +181,9 @@ def covariance(factors: Factorisation, L: FloatArray) -> FloatArray:
     """Unscaled covariance (Z'Z)^-1 (p, p); its columns are refined where the condition number costs digits."""
     if factors.condition_number < _REFINE_COVARIANCE_ABOVE:
         return L @ L.T
-    basis = factors.pivot
-    f = np.zeros((factors.X.shape[0], factors.rank))
-    columns, _ = solve_augmented(
-        np.ascontiguousarray(factors.X[:, basis]), factors.Q, factors.R, f, -np.eye(factors.rank)
-    )
+    basis, f = factors.pivot, np.zeros((factors.X.shape[0], factors.rank))
+    X = np.ascontiguousarray(factors.X[:, basis])
+    columns, _ = solve_augmented(X, factors.Q, factors.R, f, -np.eye(factors.rank))
     C = np.empty_like(columns)
     C[np.ix_(basis, basis)] = 0.5 * (columns + columns.T)
     return C * np.outer(factors.scale, factors.scale)

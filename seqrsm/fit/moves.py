@@ -38,13 +38,7 @@ class Distribution(Protocol):
 
 
 class Move:
-    """Base of the moves: accepts and counts.
-
-    Attributes
-    ----------
-    accepted, proposed : int
-        Since the object was made.
-    """
+    """Base of the moves: accepts, and counts what was ``accepted`` of all ``proposed``."""
 
     def __init__(self) -> None:
         self.accepted = 0
@@ -58,15 +52,7 @@ class Move:
 
 
 class IndependenceMove(Move):
-    """Propose every walker afresh from a fixed mixture of distributions with known densities.
-
-    Parameters
-    ----------
-    proposals : sequence of Distribution
-        Each with ``draw(random, n)`` -> (n, d) and normalised ``log_density``.
-    shares : sequence of float
-        Of the mixture; they sum to 1.
-    """
+    """Propose every walker afresh from a fixed mixture of distributions by their ``shares``, 1 in all."""
 
     def __init__(self, proposals: Sequence[Distribution], shares: Sequence[float]) -> None:
         super().__init__()

@@ -58,70 +58,48 @@ _CACHED = 2**16  # numbers that stay in the processor's cache
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Which runs are of the source whose surface is sought, and how far the other's may depart.
-
-    Attributes
-    ----------
-    own : ndarray (n,) of bool
-    difference_sd : ndarray (p,)
-        Prior standard deviation of each coefficient of the difference, score units.
-    weight : float
-        Of a run of the own source, where one of the other has 1: what the quadratic is weighed with.
-    ratio : float
-        A guess of the variance of a run of the other source over that of one of the own.
-    """
+    """Which runs are of the source whose surface is sought, and how far the other's may depart."""
 
     own: BoolArray
+    """(n,)."""
     difference_sd: FloatArray
+    """(p,): prior standard deviation of each coefficient of the difference, score units."""
     weight: float
+    """Of a run of the own source, where one of the other has 1: what the quadratic is weighed with."""
     ratio: float = 1.0
+    """A guess of the variance of a run of the other source over that of one of the own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """How the scores of blocks differ: by effects that are alike in size.
-
-    Attributes
-    ----------
-    columns : ndarray (n, e)
-        Of the effects in each run.
-    new : bool
-        Future runs are made in a new block; otherwise in the mean one, where the columns are 0.
-    """
+    """How the scores of blocks differ: by effects that are alike in size."""
 
     columns: FloatArray
+    """(n, e): of the effects in each run."""
     new: bool
+    """Future runs are made in a new block; otherwise in the mean one, where the columns are 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hyper:
-    """Draws of what the process rests on, in units of the scores' scatter; a row, or an entry, a draw.
-
-    Attributes
-    ----------
-    trend, process, noise : ndarray (d,)
-        Standard deviations of coefficients, of the process and of a run of weight 1.
-    between : ndarray (d,)
-        Correlation of the process between two levels of a category, 1 without categories.
-    lengths, bends : ndarray (d, q)
-        Of each numeric factor: on the bent axis (see `bent`) the process does not depend on one whose length is far
-        above 2; a bend of 0 leaves the axis as it is.
-    difference, other_noise : ndarray (d,)
-        Of two sources: what the stated standard deviation of their difference is multiplied by, and the noise of the
-        other source; 0 of one.
-    block : ndarray (d,)
-        Standard deviation of the effects of blocks, 0 without blocks.
-    """
+    """Draws of what the process rests on, in units of the scores' scatter; a row, or an entry, a draw."""
 
     trend: FloatArray
     process: FloatArray
     noise: FloatArray
+    """(d,): standard deviations of coefficients, of the process and of a run of weight 1."""
     between: FloatArray
+    """(d,): correlation of the process between two levels of a category, 1 without categories."""
     lengths: FloatArray
     bends: FloatArray
+    """(d, q): of each numeric factor: on the bent axis (see `bent`) the process does not depend on one whose length is
+    far above 2; a bend of 0 leaves the axis as it is."""
     difference: FloatArray
     other_noise: FloatArray
+    """(d,): of two sources: what the stated standard deviation of their difference is multiplied by, and the noise of
+    the other source; 0 of one."""
     block: FloatArray
+    """(d,): standard deviation of the effects of blocks, 0 without blocks."""
 
     @classmethod
     def of(cls, theta: FloatArray, n_numeric: int, categories: bool, sources: bool, blocks: bool) -> Hyper:
@@ -283,22 +261,12 @@ def prior_covariances(
 class Process:
     """Posterior of a process, given scores.
 
-    Attributes
-    ----------
-    model : QuadraticModel
-        Whose terms the trend has.
-    hyper : Hyper
-        A hundred draws: of twenty, the ends of an interval would depend on one or two. Fewer from 112 settings on,
-        twenty at the least: the more runs, the less they differ.
-    log_bayes_factor : float
-        Log evidence for the process, less that for the quadratic with coefficients of the same free scale and equal
-        noise: about 0 where the scores do not tell, > 3 where the quadratic is refuted.
-    centre, scatter : float
-        Mean and standard deviation of the scores, score units.
-    effective_draws : float
-        Of those that the evidence was estimated by.
-    gathered : bool
-        Whether near runs count as repeats at their middle.
+    ``hyper`` are a hundred draws: of twenty, the ends of an interval would depend on one or two. Fewer from 112
+    settings on, twenty at the least: the more runs, the less they differ. ``log_bayes_factor`` is the log evidence for
+    the process, less that for the quadratic with coefficients of the same free scale and equal noise: about 0 where the
+    scores do not tell, > 3 where the quadratic is refuted; so many ``effective_draws`` estimate it. ``centre`` and
+    ``scatter`` are mean and standard deviation of the scores, score units; where runs are ``gathered`` near ones count
+    as repeats at their middle.
     """
 
     def __init__(
@@ -311,23 +279,10 @@ class Process:
         sources: Sources | None = None,
         blocks: Blocks | None = None,
     ) -> None:
-        """Sample.
+        """Sample, from scores ``y`` (n,), not all equal, with relative ``weights`` (n,) > 0 at coded ``points`` (n, k).
 
-        Parameters
-        ----------
-        model : QuadraticModel
-            Without selection of terms.
-        points : ndarray (n, k)
-            Coded settings, at least ``LEAST_RUNS``; at most ``MOST_SETTINGS`` `kinds` of runs.
-        y : ndarray (n,)
-            Scores, not all equal.
-        weights : ndarray (n,)
-            Relative weights, > 0.
-        rng : numpy.random.Generator
-        sources : Sources, optional
-            Where runs are of two; future runs and the surface are of the own source.
-        blocks : Blocks, optional
-            Where there are several; they are no part of the surface.
+        There are `LEAST_RUNS` at least, of `MOST_SETTINGS` `kinds` at most; the model is without selection of terms.
+        The surface and future runs are of the own one of two ``sources``; ``blocks`` are no part of it.
         """
         self.model, weights = model, np.asarray(weights, dtype=np.float64)
         self.centre, self.scatter = float(np.mean(y)), float(np.std(y))

@@ -85,26 +85,17 @@ _ENDS = (0.025, 0.975)
 def student_draws(
     Z: FloatArray, y: FloatArray, weights: FloatArray, prior: Prior, n_draws: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, dict[str, float]]:
-    """Posterior of coefficients and scale under Student-t errors, of Z (n, p), y (n,) and weights (n,).
+    """Coefficients (m, p) and scale (m,) under Student-t errors, of Z (n, p), y and weights (n,); how well they mix.
 
     An error is normal with a precision of its own from a gamma distribution; given these the posterior is the exact
     one, and given the errors the precisions are gamma (Geweke 1993, J. Appl. Econometrics 8, S19-S40). All chains start
-    from the most likely weights and move together; there is nothing to tune. At least ``n_draws`` are made; they are
-    worth from a fifth to all of as many independent ones.
+    from the most likely weights and move together; there is nothing to tune. At least ``n_draws`` are made, in random
+    order: any part of them is a sample. They are worth from a fifth to all of as many independent ones.
 
-    Returns
-    -------
-    beta, sigma : ndarray (m, p), (m,)
-        Coefficients and scale of the errors, in random order: any part of them is a sample.
-    dict
-        Of a coefficient or log sigma: ``ess`` and ``ess_ends``, the smallest effective number of draws, of the mean and
-        of the ends of 95 % intervals; ``r_hat``, the largest potential scale reduction over the chains (Gelman & Rubin
-        1992). ``steps``: sweeps after the warm-up.
-
-    Raises
-    ------
-    FitError
-        A score lies so far from the others, some 1e11 times their scatter, that their digits are lost beside it.
+    Last, of a coefficient or log sigma: ``ess`` and ``ess_ends``, the smallest effective number of draws, of the mean
+    and of the ends of 95 % intervals; ``r_hat``, the largest potential scale reduction over the chains (Gelman & Rubin
+    1992); ``steps``: sweeps after the warm-up. FitError where a score lies so far from the others, some 1e11 times
+    their scatter, that their digits are lost beside it.
     """
     beta, sigma, _, reached = _gibbs(Z, y, weights, prior, n_draws, rng)
     return beta, sigma, reached
@@ -115,15 +106,9 @@ def student_draws_of_days(
 ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, float]]:
     """The same under a flat prior with a normal effect of each of the ``days`` (n,), which are numbered from 0.
 
-    The ratio of the standard deviations has a half-Cauchy prior of scale 1, as in `seqrsm.fit.blocks`, by two gamma
-    steps (Makalic & Schmidt 2016, IEEE Signal Process. Lett. 23, 179-182).
-
-    Returns
-    -------
-    beta, sigma, sigma_day : ndarray (m, p), (m,), (m,)
-        Coefficients of the average day, scale of the errors, and standard deviation of the days.
-    dict
-        As of `student_draws`.
+    Third are standard deviations (m,) of the days; coefficients are those of the average day. The ratio of the standard
+    deviations has a half-Cauchy prior of scale 1, as in `seqrsm.fit.blocks`, by two gamma steps (Makalic & Schmidt
+    2016, IEEE Signal Process. Lett. 23, 179-182).
     """
     p, d = Z.shape[1], 1 + int(np.max(days))
     precision = np.diag(np.repeat([0.0, 1.0], [p, d]))  # in units of 1 / (ratio sigma)^2

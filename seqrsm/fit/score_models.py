@@ -66,9 +66,8 @@ def beta_binomial_model(
         likelihood = np.sum(binomial + more, axis=1)
         return np.asarray(likelihood + prior.log_density(v[:, :p]) + (_INDEPENDENCE - 1.0) * np.log1p(-v[:, p]))
 
-    return GeneralModel(
-        np.append(start, 1.0 / (1.0 + _INDEPENDENCE)), np.append(low, 0.0), np.append(high, 1.0), log_density
-    )
+    start = np.append(start, 1.0 / (1.0 + _INDEPENDENCE))
+    return GeneralModel(start, np.append(low, 0.0), np.append(high, 1.0), log_density)
 
 
 def _log_rising(a: FloatArray, c: FloatArray) -> FloatArray:

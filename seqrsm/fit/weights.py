@@ -55,18 +55,10 @@ def unbiased_logits(
     the excess of their mean, and weights are to go by what is expected. The empirical logit of a count has no such
     excess by the binomial's scatter, only by what is beyond it.
 
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Model matrix with blocks. With no more runs than terms the logits are as scored, and so is what is expected.
-    percent : ndarray (n,)
-        Scores [%].
-    relative : ndarray (n,)
-        Variance of each score relative to that of a typical one; beside that of its decisions, where scores are counts.
-    trials : ndarray (n,), optional
-        Decisions behind each score, where scores are counts.
-    equal : bool
-        Scores without counts scatter alike in percent; else as shares, see `logit_variance`.
+    With no more runs than terms of Z (n, p), with blocks, the logits are as scored, and so is what is expected.
+    ``relative`` (n,) is the variance of each score over that of a typical one, beside that of its decisions where
+    scores are counts of so many ``trials`` (n,). Scores without counts scatter as shares do, see `logit_variance`, or
+    ``equal`` in percent.
     """
     scored = logit_scores(percent, counts=trials)
     values, expected = scored, clip_percent(percent)

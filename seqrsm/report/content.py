@@ -34,9 +34,8 @@ def build_report(dossier: Dossier) -> Report:
     The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
     spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
-    sections: list[Section | None] = [
-        summary_section(spec, analyses, dossier.compromise, runs, dossier.rests, dossier.rankings)
-    ]
+    summary = summary_section(spec, analyses, dossier.compromise, runs, dossier.rests, dossier.rankings)
+    sections: list[Section | None] = [summary]
     methods: list[Section | None] = []
     alone = dossier.compromise is None  # of one application
     if dossier.compromise is not None:
@@ -50,9 +49,8 @@ def build_report(dossier: Dossier) -> Report:
             sections += parts
             methods += how
         else:
-            parts.insert(
-                0, result_section(spec, analysis, dossier.rests, f"{key}-result", "Optimum for this application alone")
-            )
+            title = "Optimum for this application alone"
+            parts.insert(0, result_section(spec, analysis, dossier.rests, f"{key}-result", title))
             sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
             methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))
     sections += (

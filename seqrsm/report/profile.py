@@ -28,14 +28,11 @@ _LEAST, _MOST = 3, 15
 def profile(analysis: Analysis) -> dict[str, Any]:
     """Return the profiler of one application as a JSON document.
 
-    Returns
-    -------
-    dict
-        ``factors``: each with ``label``, ``levels`` (whether its values are no numbers), ``values`` (text), ``x``
-        (places on an axis from 0 to 1) and ``start``, the place of the recommended setting among them; ``rows``: mean,
-        ends of the confidence and of the prediction interval, 1 or 0 for allowed or not, the last factor running
-        fastest; None where there is no interval. Every row is corrected as `OptimumEstimate.optimism` corrects that of
-        the recommended settings.
+    ``factors``: each with ``label``, ``levels`` (whether its values are no numbers), ``values`` (text), ``x`` (places
+    on an axis from 0 to 1) and ``start``, the place of the recommended setting among them; ``rows``: mean, ends of the
+    confidence and of the prediction interval, 1 or 0 for allowed or not, the last factor running fastest; None where
+    there is no interval. Every row is corrected as `OptimumEstimate.optimism` corrects that of the recommended
+    settings.
     """
     region, best = analysis.region, analysis.optimum
     levels = _levels(analysis)

@@ -13,15 +13,7 @@ from seqrsm.spec.toml_lines import Path, line_of
 
 
 class Reporter:
-    """Collects problems with their lines.
-
-    Parameters
-    ----------
-    file : str
-        Name of the file.
-    lines : dict
-        From `seqrsm.spec.toml_lines.key_lines`.
-    """
+    """Collects problems of a file with their lines, from `seqrsm.spec.toml_lines.key_lines`."""
 
     def __init__(self, file: str, lines: dict[Path, int]) -> None:
         self.file = file

@@ -82,22 +82,11 @@ class Wanted:
 
 
 def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | None = None) -> list[Wanted]:
-    """Make a campaign folder for applications of the catalogue.
+    """Make a campaign folder, new or empty, for applications of the catalogue, one at least.
 
-    Parameters
-    ----------
-    applications : sequence of str
-        Words of each, as `seqrsm.catalog.search` takes them; one at least.
-    folder : Path
-        New, or empty.
-    scene : Path, optional
-        Data base of the new campaign; default is that of a template.
-
-    Raises
-    ------
-    UserError
-        No entry holds all the words of an application, only some can be simulated, the scene lacks a cover that is
-        asked for, or the folder cannot be made.
+    Their words are as `seqrsm.catalog.search` takes them; ``scene`` is the data base, by default that of a template.
+    UserError where no entry holds all the words of an application, only some can be simulated, the scene lacks a cover
+    that is asked for, or the folder cannot be made.
     """
     wanted = applications_of(applications)
     engine = engine_for(wanted)

@@ -217,10 +217,7 @@ class CampaignSpec:
 def load_spec(location: FilePath | str) -> CampaignSpec:
     """Read and check the specification of a campaign's folder, or of its ``campaign.toml``.
 
-    Raises
-    ------
-    SpecError
-        With everything that is wrong, each with file, line, key, value and remedy.
+    SpecError with everything that is wrong, each with file, line, key, value and remedy.
     """
     place = FilePath(location)
     path = place / SPEC_NAME if place.is_dir() else place

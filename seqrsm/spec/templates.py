@@ -26,22 +26,13 @@ def packaged(name: str) -> Path:
 
 def templates() -> dict[str, str]:
     """Name and description of every template, by name."""
-    found = {}
-    for path in sorted(packaged("campaigns").glob("*/campaign.toml")):
-        found[path.parent.name] = str(
-            tomllib.loads(path.read_text(encoding="utf-8"))["campaign"].get("description", "")
-        )
-    return found
+    paths = sorted(packaged("campaigns").glob("*/campaign.toml"))
+    tables = {path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))["campaign"] for path in paths}
+    return {name: str(table.get("description", "")) for name, table in tables.items()}
 
 
 def copy_template(name: str, folder: Path) -> None:
-    """Copy template ``name`` to the new folder ``folder``.
-
-    Raises
-    ------
-    UserError
-        No such template, or the folder exists and is not empty.
-    """
+    """Copy template ``name`` to a new folder; UserError of no such template, or a folder that is not empty."""
     if name not in templates():
         raise UserError("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
     with new_folder(folder) as part:
@@ -54,11 +45,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
     """Make ``folder``, of what the block puts into the place that it is given.
 
     ``campaign.toml`` comes last: a folder that has one is whole, and one that a command left unfinished is made anew.
-
-    Raises
-    ------
-    UserError
-        It exists and is not empty, or cannot be made.
+    UserError where it exists and is not empty, or cannot be made.
     """
     part, is_new = folder / _PART, not folder.exists()
     unfinished = part.exists() and not (folder / _LAST).exists()
@@ -73,9 +60,8 @@ def new_folder(folder: Path) -> Iterator[Path]:
                 shutil.rmtree(folder / path.name, ignore_errors=True)
             path.replace(folder / path.name)
     except OSError as error:
-        raise UserError(
-            f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder)
-        ) from error
+        message = f"cannot make the folder: {error.strerror}"
+        raise UserError(message, "Name another folder.", file=str(folder)) from error
     finally:
         if (folder / _LAST).exists() or set(folder.glob("*")) <= {part}:  # else it marks what is unfinished
             shutil.rmtree(part, ignore_errors=True)

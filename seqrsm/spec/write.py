@@ -20,10 +20,7 @@ from seqrsm.spec.templates import new_folder
 def create_campaign(folder: Path, tables: Mapping[str, Any]) -> None:
     """Make a campaign's folder, new or empty, of the tables of ``campaign.toml``, repeated ones as lists.
 
-    Raises
-    ------
-    UserError
-        The folder cannot be made, or everything that is wrong in the tables; then there is no folder.
+    UserError where the folder cannot be made, or of everything that is wrong in the tables; then there is no folder.
     """
     is_new = not folder.exists()
     with new_folder(folder) as part:
@@ -41,10 +38,7 @@ def create_campaign(folder: Path, tables: Mapping[str, Any]) -> None:
 def factor_tables(factors: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Tables of factors: a tuple of two numbers is a range, a list or array its values or levels, a mapping the keys.
 
-    Raises
-    ------
-    SpecError
-        Anything else.
+    SpecError of anything else.
     """
     tables = []
     for name, value in factors.items():

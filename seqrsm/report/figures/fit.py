@@ -35,9 +35,7 @@ def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
         axes.plot(day, calendar.sigma0_db[channel, k], style, color=drawing.SERIES[k % len(drawing.SERIES)], label=crop)
     for one in calendar.days:
         axes.axvline(one, color=drawing.MUTED, linestyle="--", linewidth=0.8, zorder=1)
-    axes.set_xlim(1.0, 365.0)
-    axes.set_xlabel("day of the year")
-    axes.set_ylabel("sigma0 [dB]")
+    axes.set(xlim=(1.0, 365.0), xlabel="day of the year", ylabel="sigma0 [dB]")
     drawing.legend_above(axes)
     axes.grid(visible=True, zorder=0)
 
@@ -73,16 +71,14 @@ def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: li
         axes.axhline(height, color=drawing.MUTED, linewidth=0.8, linestyle=":")
     marks = axes.scatter(x, residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
     drawing.tell(marks, texts)
-    axes.set_xlabel(label)
-    axes.set_ylabel("studentised residual")
+    axes.set(xlabel=label, ylabel="studentised residual")
 
 
 def _paint_normal(fit: LeastSquaresFit, axes: Axes) -> None:
     plot = normal_plot(fit)
     axes.plot(plot.quantiles, plot.quantiles, color=drawing.MUTED, linewidth=0.8, linestyle="--")
     axes.scatter(plot.quantiles, plot.residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
-    axes.set_xlabel("normal quantile")
-    axes.set_ylabel("studentised residual")
+    axes.set(xlabel="normal quantile", ylabel="studentised residual")
 
 
 def residual_data(analysis: Analysis) -> PanelData:
@@ -150,8 +146,7 @@ def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, 
         axes.axhline(floor, color=drawing.MUTED, linestyle=":", linewidth=1.3, label="noise floor")
     axes.set_ylim(0.0, 1.12 * np.nanmax(np.append(widths[np.isfinite(widths)], target)))
     _whole_numbers(axes.xaxis)
-    axes.set_xlabel("scored runs")
-    axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
+    axes.set(xlabel="scored runs", ylabel=score_label(analysis).replace("score", "half-width", 1))
     drawing.legend_above(axes)
     axes.grid(visible=True, zorder=0)
 
@@ -163,8 +158,7 @@ def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) ->
     axes.fill_between(_runs(looks), low, high, color=drawing.BLUE, alpha=0.25, linewidth=0)
     axes.plot(_runs(looks), mean, marker="o", markersize=4, color=drawing.BLUE)
     _whole_numbers(axes.xaxis)
-    axes.set_xlabel("scored runs")
-    axes.set_ylabel(score_label(analysis))
+    axes.set(xlabel="scored runs", ylabel=score_label(analysis))
     axes.grid(visible=True, zorder=0)
 
 

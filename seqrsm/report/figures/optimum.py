@@ -211,9 +211,7 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     if here is not None:
         axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
     axes.set_xticks(position, labels, **_label_style(labels))
-    axes.set_xlim(-0.6, line.x.size - 0.4)
-    axes.set_xlabel(shortened(axis_label(factor), 40))
-    axes.set_ylabel(score_label(analysis))
+    axes.set(xlim=(-0.6, line.x.size - 0.4), xlabel=shortened(axis_label(factor), 40), ylabel=score_label(analysis))
     axes.grid(visible=True, zorder=0)
 
 
@@ -265,8 +263,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         labels = [shortened(label, 20) for label in shares]
         axes.bar(np.arange(len(labels)), list(shares.values()), color=drawing.BLUE, width=0.6)
         axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
-        axes.set_ylim(0.0, 1.0)
-        axes.set_ylabel("probability")
+        axes.set(ylim=(0.0, 1.0), ylabel="probability")
     else:
         edges = np.linspace(-1.0, 1.0, 33)
         draws = analysis.posterior.optimum_points[:, index]

@@ -105,9 +105,8 @@ def model_section(analysis: Analysis, key: str) -> Section:
 
 def _model_equation(analysis: Analysis) -> Equation:
     terms, law = _TERMS[analysis.model.order], analysis.fitted.surface.errors.law(is_weighted(analysis))
-    return Equation(
-        f"y = {terms[0]} + epsilon, quad epsilon tilde {law[0]}", f"y equals {terms[1]} plus epsilon, which is {law[1]}"
-    )
+    written = f"y = {terms[0]} + epsilon, quad epsilon tilde {law[0]}"
+    return Equation(written, f"y equals {terms[1]} plus epsilon, which is {law[1]}")
 
 
 def _model_text(analysis: Analysis) -> str:

@@ -256,14 +256,8 @@ def _grouped(dossier: Dossier) -> tuple[AboutCovers, AboutChannels, tuple[str, .
 def group_notes(notes: Iterable[str], categories: Sequence[str]) -> tuple[AboutCovers, AboutChannels, tuple[str, ...]]:
     """Sort statements of the form "category: ..." and "category channel: ..." from the others, each once.
 
-    Returns
-    -------
-    dict
-        Statements and the cover categories that they are made on, in the order of their first mention.
-    list of (str, str, str)
-        Category, channel, and a statement on both.
-    tuple of str
-        Statements on the whole simulation.
+    Statements and the cover categories that they are made on, in the order of their first mention; category, channel
+    and a statement on both; statements on the whole simulation.
     """
     known = set(categories)
     covers: AboutCovers = {}

@@ -79,19 +79,9 @@ def summary_section(
 ) -> Section:
     """Return the summary of a campaign: of its one application, or the settings that serve all.
 
-    Parameters
-    ----------
-    spec : CampaignSpec
-    analyses : sequence of Analysis
-        One, or all of a campaign.
-    compromise : CompromiseEstimate or None
-        None where there is one application and nothing else to weigh.
-    runs : sequence of RunRecord
-        All of the campaign: what they cost is told.
-    rests : Mapping, optional
-        By application, shares of the area by what their means rest on.
-    rankings : sequence of RankingSummary
-        Of applications that interpreters rank.
+    There is one analysis, or all of a campaign, whose ``runs`` all tell what they cost; ``compromise`` is None where
+    there is nothing else to weigh. ``rests``: by application, shares of the area by what their means rest on.
+    ``rankings`` are of applications that interpreters rank.
     """
     made = (*_made(spec, runs), *(Paragraph(" ".join(ranking_messages(one))) for one in rankings))
     if compromise is None:
@@ -206,13 +196,10 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
 
 def _new_block(analysis: Analysis) -> str:
     """What a run in a new block may score, where blocks are constants and the intervals those of the average one."""
-    if (
-        analysis.blocks is None
-        or analysis.blocks.effect != "fixed"
-        or not isinstance(analysis.blocks.new, BlockResponse)
-    ):
+    blocks = analysis.blocks
+    if blocks is None or blocks.effect != "fixed" or not isinstance(blocks.new, BlockResponse):
         return ""
-    new = analysis.blocks.new.prediction  # of the quadratic alone, with the variance of blocks
+    new = blocks.new.prediction  # of the quadratic alone, with the variance of blocks
     wider = new.half_width > analysis.optimum.prediction.half_width
     ends = f", by the {model_name(analysis)} alone, {interval_text(analysis, new)}" if wider else " no narrower"
     return f" in the average block; in a new block{ends}"
