@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -17,6 +19,21 @@ from seqrsm.plain import plain
 def put_json(path: Path, document: Any) -> Path:
     """Write a document of plain values, see `seqrsm.plain`, as `put` does, its folder made."""
     return put(path, json.dumps(plain(document), indent=1).encode("utf-8"), make_folder=True)
+
+
+def get_json(path: Path) -> Any:
+    """What `put_json` wrote; None where there is no such file, or it holds no JSON."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]], end: str = "\r\n") -> str:
+    """Header and rows as CSV, each line with this ``end``; None is an empty cell."""
+    stream = io.StringIO(newline="")
+    csv.writer(stream, lineterminator=end).writerows([header, *rows])
+    return stream.getvalue()
 
 
 def see_free(*paths: Path) -> None:

@@ -8,7 +8,6 @@ candidate after another.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,7 +40,7 @@ from seqrsm.campaign.instruments import (
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, ground_of, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, SpecError, UserError
-from seqrsm.files import put_json, see_writable
+from seqrsm.files import get_json, put_json, see_writable
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
@@ -175,13 +174,13 @@ def measure_candidates(
 
 def read_candidates(spec: CampaignSpec, analyses: Sequence[Analysis]) -> dict[str, Any] | None:
     """What was measured last; None where nothing was, of other candidates, or beside other optima than these."""
+    found = get_json(spec.folder / FILE)
     try:
-        found = json.loads((spec.folder / FILE).read_text(encoding="utf-8"))
         same = found["key"] == _key(spec) and all(
             rounded(found["applications"][one.application]["settings"]) == rounded(one.optimum.settings)
             for one in analyses
         )
-    except (OSError, ValueError, KeyError, TypeError):
+    except (KeyError, TypeError):
         return None
     return dict(found) if same else None
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections.abc import Iterable, Sequence
@@ -14,7 +12,7 @@ from seqrsm import __version__
 from seqrsm.campaign.guards import see_meaning
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import StoreError
-from seqrsm.files import put, see_free
+from seqrsm.files import csv_text, put, see_free
 from seqrsm.plain import heading, plain
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -40,13 +38,13 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
         texts = {target: _json_text(store, spec)}
     elif target.suffix == ".csv":
         header, rows = run_rows(store.runs(), spec)
-        texts = {target: csv_text(_with_units(header, spec), rows)}
+        texts = {target: _safe_text(_with_units(header, spec), rows)}
         for kind, record in KEPT.items():
             records = getattr(store, kind)()
             if kind == "rankings" and not records:
                 continue  # few campaigns have any
             names = [column.name for column in fields(record)]
-            texts[target.with_suffix(f".{kind}.csv")] = csv_text(names, [astuple(record) for record in records])
+            texts[target.with_suffix(f".{kind}.csv")] = _safe_text(names, [astuple(record) for record in records])
     else:
         raise StoreError("unknown kind of export", "Name a .csv or .json file.", file=str(target))
     made = {file: text.encode("utf-8") for file, text in texts.items()}
@@ -110,13 +108,9 @@ def _with_units(header: Sequence[str], spec: CampaignSpec) -> list[str]:
     return [heading(name, units.get(name, "")) for name in header]
 
 
-def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def _safe_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Rows as CSV in which no spreadsheet finds a formula."""
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream, lineterminator="\r\n")
-    writer.writerow([safe_cell(name) for name in header])
-    writer.writerows([safe_cell(value) for value in row] for row in rows)
-    return stream.getvalue()
+    return csv_text(map(safe_cell, header), (map(safe_cell, row) for row in rows))
 
 
 def safe_cell(value: object) -> object:
@@ -168,4 +162,4 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     """
     header, rows = form_rows(spec, runs)
     see_free(path)
-    put(path, csv_text(_with_units(header, spec), rows).encode("utf-8"))
+    put(path, _safe_text(_with_units(header, spec), rows).encode("utf-8"))

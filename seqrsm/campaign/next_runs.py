@@ -374,16 +374,11 @@ def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float
     """Natural settings with the digits that people set, where rounding does not leave the region."""
     found = []
     for point, settings in zip(points, region.decode(points), strict=True):
-        rounded: dict[str, float | str] = {
-            factor.name: value
-            if isinstance(value, str) or isinstance(factor, CategoricalFactor)
-            else plain_setting(factor, value)
-            for factor, value in ((f, settings[f.name]) for f in region.factors)
-        }
-        at_bounds = np.abs(point) >= 1.0 - 1e-9
-        for j in region.numeric:
-            if at_bounds[j]:  # a bound is a number the user wrote
-                rounded[region.names[j]] = settings[region.names[j]]
+        rounded = dict(settings)
+        for factor, place in zip(region.factors, point, strict=True):
+            # A bound is a number the user wrote.
+            if not isinstance(factor, CategoricalFactor) and abs(place) < 1.0 - 1e-9:
+                rounded[factor.name] = plain_setting(factor, float(settings[factor.name]))
         found.append(rounded if region.feasible(region.code([rounded]))[0] else _rounded_inside(region, point, rounded))
     return found
 

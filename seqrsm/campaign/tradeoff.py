@@ -7,7 +7,6 @@ in ``tradeoff.json`` of the campaign's folder: the same command goes on where it
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +20,7 @@ from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, scene_at, task_of
 from seqrsm.campaign.simulator_checks import see_parameters
 from seqrsm.errors import UserError
-from seqrsm.files import put_json, see_writable
+from seqrsm.files import get_json, put_json, see_writable
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.spec.read import CampaignSpec
 
@@ -72,10 +71,7 @@ def read_tradeoff(folder: Path) -> dict[str, Any] | None:
 
 def _kept(folder: Path) -> dict[str, Any]:
     """What was measured so far; nothing where the file is not there, or no such one."""
-    try:
-        found = json.loads((folder / FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
+    found = get_json(folder / FILE)
     return found if isinstance(found, dict) else {}
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -17,7 +15,7 @@ from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import UserError
-from seqrsm.files import put
+from seqrsm.files import csv_text, put
 from seqrsm.plain import plain, shallow
 from seqrsm.rng import generator
 
@@ -127,9 +125,6 @@ def _warnings(report: DesignReport, *, saturated: bool) -> list[str]:
 
 def write_design(out: Path, design: Mapping[str, Any]) -> None:
     """Write the runs of a design of `standalone_design` as CSV, natural settings; UserError where that cannot be."""
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream)
-    writer.writerow(design["names"])
     columns = []
     for name in design["names"]:
         column = [settings[name] for settings in design["settings"]]
@@ -137,5 +132,4 @@ def write_design(out: Path, design: Mapping[str, Any]) -> None:
             least = 1e-6 * max(map(abs, column))  # below it, the search's rounding of zero
             column = [f"{value if abs(value) >= least else 0.0:.12g}" for value in column]
         columns.append(column)
-    writer.writerows(zip(*columns, strict=True))
-    put(out, stream.getvalue().encode("utf-8"))
+    put(out, csv_text(design["names"], zip(*columns, strict=True)).encode("utf-8"))

@@ -298,13 +298,10 @@ class Region(OfFactors):
         return tuple(itertools.product(*(range(len(self.axes[i])) for i in self.categorical)))  # type: ignore[arg-type]
 
     def line_intervals(self, point: FloatArray, j: int) -> FloatArray:
-        """Feasible intervals of factor ``j`` with the other factors as in ``point`` (k,).
+        """Feasible intervals (m, 2) of factor ``j`` with the other factors as in ``point`` (k,).
 
-        Returns
-        -------
-        ndarray (m, 2)
-            Ascending, disjoint, both ends feasible; a level of a discrete or categorical factor is an interval of no
-            length. Intervals of a continuous factor shorter than 1/32 may be missed unless ``point`` lies in them.
+        Ascending, disjoint, both ends feasible; a level of a discrete or categorical factor is an interval of no
+        length. Intervals of a continuous factor shorter than 1/32 may be missed unless ``point`` lies in them.
         """
         levels = self.axes[j]
         if self.is_box and levels is None:

@@ -187,14 +187,9 @@ def sample(target: Target, seed: int) -> Sampled:
     """Sample until the convergence rule holds; the same seed gives the same draws, whatever numpy's random state.
 
     The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has `MIN_ESS`
-    effective draws among those handed out, and R-hat across ensembles is at most 1.01.
-
-    Raises
-    ------
-    ConvergenceError
-        The rule would ask for more than `MAX_STEPS`; it carries steps, tau, R-hat and ess reached.
-    FitError
-        The density is not finite where it was expected to lie.
+    effective draws among those handed out, and R-hat across ensembles is at most 1.01. ConvergenceError, with steps,
+    tau, R-hat and ess reached, where the rule would ask for more than `MAX_STEPS`; FitError where the density is not
+    finite where it was expected to lie.
     """
     chain = _Chain(target, seed)
     block = _FIRST_BLOCK

@@ -154,13 +154,7 @@ class ErrorModel:
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
     ) -> Draws:
-        """Posterior draws, about ``n`` of them, that hold ``bounds`` of single terms.
-
-        Raises
-        ------
-        ConvergenceError
-            emcee did not converge.
-        """
+        """About ``n`` posterior draws that hold ``bounds`` of single terms; ConvergenceError of emcee."""
         raise NotImplementedError
 
     def draws_of_days(

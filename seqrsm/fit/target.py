@@ -114,10 +114,7 @@ def build_target(
 ) -> Target:
     """Posterior of ``y = Z beta + e``; Z (n, p), y and weights w (n,), errors None where normal, bounds cut the prior.
 
-    Raises
-    ------
-    FitError
-        Scores that cannot be used, or that the model reproduces exactly.
+    FitError of scores that cannot be used, or that the model reproduces exactly.
     """
     base = _base(Z, y, w, prior, errors)
     if base.b == 0.0:
@@ -268,13 +265,7 @@ class StudentProposal:
 
 
 def general_target(model: GeneralModel) -> Target:
-    """Target for the sampler, with its proposal at the mode.
-
-    Raises
-    ------
-    FitError
-        The density is not finite at the starting values.
-    """
+    """Target for the sampler, with its proposal at the mode; FitError where the density is not finite at the start."""
     d = len(model.start)
 
     def log_prob(x: FloatArray) -> FloatArray:

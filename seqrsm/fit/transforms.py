@@ -20,12 +20,8 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Fl
     """Logit (n,) of scores (n,) [%], 0 ... 100, both ends included; always finite.
 
     ``counts`` (n,): independent trials behind each score, > 0; nan where unknown. The empirical logit log((c + 1/2) /
-    (m - c + 1/2)) is used for them; scores without a count are clipped to 0.5 / n from the ends, n = 200.
-
-    Raises
-    ------
-    FitError
-        Scores outside 0 ... 100; the runs are named.
+    (m - c + 1/2)) is used for them; scores without a count are clipped to 0.5 / n from the ends, n = 200. FitError
+    names runs whose scores lie outside 0 ... 100.
     """
     percent = np.asarray(percent, dtype=np.float64)
     bad = ~((percent >= 0.0) & (percent <= 100.0))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
-import io
 import json
 import math
 import re
@@ -13,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from seqrsm.files import put
+from seqrsm.files import csv_text, put
 from seqrsm.progress import tell
 from seqrsm.report.blocks import FigureBlock, Panel, PanelData, Report, Section, unfolded
 from seqrsm.report.wording import slug
@@ -119,11 +117,7 @@ def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"], fonts: Any) 
 
 
 def _csv_text(data: PanelData) -> str:
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(data.columns)
-    writer.writerows([_cell(value) for value in row] for row in data.rows)
-    return stream.getvalue()
+    return csv_text(data.columns, (map(_cell, row) for row in data.rows), "\n")
 
 
 def _cell(value: float | str) -> str:
