@@ -168,10 +168,7 @@ class Fitted:
         departure, at = self.departure, self.surface.rows(of_quadratic.point[None, :])
         if departure.process is None or departure.reason or self.surface.variance_unscaled(at)[0] <= _FAR:
             return self
-        reason = (
-            "at the quadratic's optimum, far from the runs, its mean has a standard error of over two runs' scatter"
-        )
-        return replace(self, departure=replace(departure, probability=1.0, reason=reason))
+        return replace(self, departure=replace(departure, probability=1.0, reason=FAR))
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
