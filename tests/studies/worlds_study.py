@@ -1,6 +1,6 @@
 """Do intervals hold over grounds that the tables do not know? Campaigns, and then flights in worlds drawn afresh.
 
-    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 20] [--workers 2]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 40] [--workers 2]
 
 Each example campaign is run to its end with several seeds. At what it recommends five flights are simulated in each of
 some fresh worlds, 200 or more in all: how many single flights, and means of five, lie in their 95 % intervals? And what
@@ -195,7 +195,7 @@ def page(rows: list[dict[str, Any]], differences: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Make what is missing, and the page."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     store = OUT / "worlds.json"
