@@ -45,9 +45,9 @@ def reflectivity_fresnel(permittivity: ComplexLike, theta: ArrayLike) -> Reflect
 def backscatter_oh92(permittivity: ComplexLike, ks: ArrayLike, theta: ArrayLike) -> Backscatter:
     """Backscatter of a rough bare surface, first model of Oh, Sarabandi and Ulaby.
 
-    Wavenumber times root-mean-square height ``ks`` is 0.1 to 6, smaller values give a nearly dark surface; angles are
-    10 to 70 degrees. Oh, Sarabandi and Ulaby 1992, "An empirical model and an inversion technique for radar scattering
-    from bare soil surfaces", IEEE TGRS 30(2) (PRISM-1).
+    Holds for wavenumbers times root-mean-square height, ``ks``, of 0.1 to 6 (smaller values give a nearly dark surface)
+    and from 10 to 70 deg. Oh, Sarabandi and Ulaby 1992, "An empirical model and an inversion technique for radar
+    scattering from bare soil surfaces", IEEE TGRS 30(2) (PRISM-1).
     """
     ks, theta = np.asarray(ks, dtype=np.float64), np.asarray(theta, dtype=np.float64)
     nadir = reflectivity_fresnel(permittivity, 0.0).h
@@ -62,9 +62,9 @@ def backscatter_oh92(permittivity: ComplexLike, ks: ArrayLike, theta: ArrayLike)
 def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Backscatter:
     """Backscatter of bare soil from its moisture and roughness, last model of Oh.
 
-    Volumetric moisture is 0.04 to 0.291 [m^3/m^3], wavenumber times root-mean-square height ``ks`` 0.13 to 6.98, angles
-    are 10 to 70 degrees. Oh 2004, "Quantitative retrieval of soil moisture content and surface roughness from
-    multipolarized radar observations of bare soil surfaces", IEEE TGRS 42(3).
+    Holds for a volumetric moisture of 0.04 to 0.291 [m^3/m^3], wavenumbers times root-mean-square height, ``ks``, of
+    0.13 to 6.98, and from 10 to 70 deg. Oh 2004, "Quantitative retrieval of soil moisture content and surface roughness
+    from multipolarized radar observations of bare soil surfaces", IEEE TGRS 42(3).
     """
     mv, ks = np.asarray(moisture, dtype=np.float64), np.asarray(ks, dtype=np.float64)
     theta = np.asarray(theta, dtype=np.float64)
@@ -76,7 +76,7 @@ def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Ba
 
 
 def soil_response_baghdadi16(theta: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """What moisture and roughness do to the backscatter of bare soil at angles (...) of 18 to 57 degrees.
+    """What moisture and roughness do to the backscatter of bare soil at angles (...) [rad], from 18 to 57 deg.
 
     Change of HH, HV and VV (3, ...) with volumetric moisture [dB per m^3/m^3], and with the root-mean-square height [dB
     per factor of ten]. Baghdadi et al. 2016, "A new empirical model for radar scattering from bare soil surfaces",
@@ -107,7 +107,7 @@ def backscatter_layer_ulaby14(
 
 
 def backscatter_ulaby89_db(parameters: ArrayLike, theta: ArrayLike) -> FloatArray:
-    """Mean backscatter of a terrain class [dB] by the regression of Ulaby and Dobson, 0 to 80 degrees.
+    """Mean backscatter of a terrain class [dB] by the regression of Ulaby and Dobson, from 0 to 80 deg.
 
     P1 + P2 exp(-P3 t) + P4 cos(P5 t + P6), with P1 to P6 of the class, band and polarization: Ulaby and Dobson 1989,
     "Handbook of Radar Scattering Statistics for Terrain".
