@@ -160,6 +160,15 @@ def test_far_from_runs_that_lie_together_least_squares_are_not_believed(tmp_path
     assert "far from the runs" in paragraph.text
 
 
+def test_the_process_that_is_believed_alone_for_want_of_scores_says_so_wherever_the_optimum_is(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    points = 0.1 * rng.standard_normal((11, 3)).round(3)
+    found = analysed(tmp_path / "c", specification(numeric(3)), points, 70.0 + 2.0 * rng.standard_normal(11))
+    departure = found.fitted.departure
+    assert departure.probability == 1.0
+    assert departure.reason == "least squares of 11 scores leave fewer than 4 degrees of freedom"
+
+
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     belief, surface = believed(narrow, 0.0), narrow.fitted.surface
     np.testing.assert_array_equal(belief.mean(AT), surface.rows(AT) @ surface.estimate)

@@ -483,6 +483,22 @@ def test_two_looks_on_one_day_meet_the_same_weather(monkeypatch):
         assert np.mean(together[:-1]) == pytest.approx(wanted.mean(), abs=0.05)
 
 
+def test_a_crops_own_weather_is_forgotten_in_ten_days(monkeypatch):
+    """Of grass, which always covers its ground: nothing of that is the soil's."""
+    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_YEAR_DB", 0.0)):
+        monkeypatch.setattr(occasion, name, value)
+    monkeypatch.setattr(occasion, "year_shift_days", lambda n, **key: np.zeros(n))
+    days, grass = (150.0, 155.0, 160.0), CROPS.index("Grass")
+    looked, field = [at(day) for day in days], np.zeros(1, dtype=np.uint8)
+
+    def offset(t, run):
+        met = draw_occasion(radar(), [looked[t]], field, (0.2, 5.0), Visit(days, t), seed=3, run_id=run)
+        return met.class_offset_db[0, grass]
+
+    found = np.corrcoef([[offset(t, run) for run in range(900)] for t in range(3)])[0]
+    np.testing.assert_allclose(found, [left(day - 150.0, 10.0) for day in days], atol=0.06)
+
+
 @pytest.mark.parametrize(("channel", "shared", "own"), [("VV", 0.8, 0.5), ("HV", 1.1, 0.85)])
 def test_weather_that_crops_share_is_of_the_part_of_the_echo_that_is_not_the_soils(monkeypatch, channel, shared, own):
     """The soil's part has the moisture of the date in its place; L band sees more soil than is bare."""
