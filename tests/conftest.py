@@ -29,3 +29,9 @@ def few_draws() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("seqrsm.analysis.compromise.DRAWS", 20)
         yield
+
+
+@pytest.fixture
+def least_squares_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No process beside the polynomial, whatever the scores favour."""
+    monkeypatch.setattr("seqrsm.analysis.belief.PRIOR_LOG_ODDS", -100.0)

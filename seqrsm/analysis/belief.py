@@ -33,9 +33,9 @@ from seqrsm.remember import recalled
 from seqrsm.rng import generator
 from seqrsm.spec.tables import ApplicationSpec
 
-STATED = "a prior is given for the quadratic"
+STATED = "a prior is given for its coefficients"
 """Why no process is weighed."""
-FAR = "at the quadratic's optimum, far from the runs, its mean has a standard error of over two runs' scatter"
+FAR = "at the optimum of least squares, far from the runs, their mean has a standard error of over two runs' scatter"
 """Why a process is believed alone, whatever the scores favour."""
 PRIOR_LOG_ODDS = 0.0
 """Of the process against the quadratic, before the scores: even odds."""
@@ -99,10 +99,8 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     """
     model, fit, n = surface.model, surface.fit, len(surface.fit.y)
     reason = STATED if stated else ""
-    if not reason and model.order == 1:
-        reason = "the model is of first order"
     if not reason and (surface.data.all_equal or (fit.df_residual and not surface.s > 0.0)):
-        reason = "the quadratic passes through every score"
+        reason = "it passes through every score"
     if not reason and n < LEAST_RUNS:
         reason = f"it is considered from {LEAST_RUNS} runs on, and there are {n}"
     given, beside = (model, surface.data.points, fit.y, fit.weights), surface.for_process()

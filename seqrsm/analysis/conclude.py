@@ -398,9 +398,9 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         found.append("With random blocks only the bounds on effects of [application.prior] are used.")
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
-    of_quadratic = " for the quadratic" if fitted.departure.probability > 0.0 else ""
+    of_model = f" for the {fitted.model.name}" if fitted.departure.probability > 0.0 else ""
     found += [
-        f"Run {data.run_ids[run.run]} is unusual{of_quadratic}: {'; '.join(run.reasons)}."
+        f"Run {data.run_ids[run.run]} is unusual{of_model}: {'; '.join(run.reasons)}."
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]
@@ -415,9 +415,10 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
         found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     lack = fit.lack_of_fit()
     if spec.model.order == 1 and isinstance(lack, LackOfFit) and lack.p < LACK_OF_FIT_ALPHA:
+        small = ", so intervals and expected loss are too small" if fitted.departure.process is None else ""
         found.append(
-            f"The first-order model does not fit (lack of fit, p = {lack.p:.2g}), so intervals and expected loss are "
-            "too small: [model] order = 2 would fit curvature."
+            f"The first-order model does not fit (lack of fit, p = {lack.p:.2g}){small}: [model] order = 2 would fit "
+            "curvature."
         )
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")

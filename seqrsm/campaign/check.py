@@ -77,7 +77,7 @@ class Judged:
     min_runs: int
     """The fewest runs the stop rule asks for on the flight days so far."""
     min_runs_departed: int
-    """The same if the scores favour another surface than a quadratic, and all factors matter."""
+    """The same if the scores favour another surface than the model, and all factors matter."""
     further_days: int | None
     """Flight days to come for whose constants the budget is enough; None where days are no constants."""
     target_problem: str
@@ -213,7 +213,7 @@ def _judged(
     if analysis is not None and analysis.fitted.departure.favoured:
         plans, over = plans_by_process(analysis, rule, spec.seed)
         surfaces = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
-        surfaces += ", which favour another surface than a quadratic"
+        surfaces += ", which favour another surface than the model"
         in_units = True
     else:
         known = _surfaces(spec, application, found, analysis)
@@ -240,7 +240,7 @@ def _judged(
         ground_share=share,
         noise_source=source,
         min_runs=asked[0],
-        min_runs_departed=replace(rule, acting_terms=terms).min_runs(terms) if spec.model.order == 2 else asked[0],
+        min_runs_departed=replace(rule, acting_terms=terms).min_runs(terms),
         further_days=sum(n <= rule.max_runs for n in asked[1:]) if constants else None,
         target_problem=problem,
         plans=plans,

@@ -80,6 +80,11 @@ class QuadraticModel(OfFactors):
         object.__setattr__(self, "second", np.array([b for _, _, b in products], dtype=np.int64))
 
     @property
+    def name(self) -> str:
+        """What it is called in results."""
+        return "quadratic" if self.order == 2 else "first-order model"
+
+    @property
     def p(self) -> int:
         """Number of terms."""
         return len(self.terms)

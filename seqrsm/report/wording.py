@@ -98,11 +98,6 @@ def fitted_unit(analysis: Analysis) -> str:
     return "logit" if analysis.scale.kind == "logit" else analysis.score_unit
 
 
-def model_name(analysis: Analysis) -> str:
-    """What the fitted polynomial is called."""
-    return "quadratic" if analysis.model.order == 2 else "first-order model"
-
-
 def is_weighted(analysis: Analysis) -> bool:
     """Whether runs have weights of their own, before what their errors make of them."""
     return bool(np.ptp(analysis.scale.weights) > 0.0)

@@ -242,8 +242,8 @@ def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied,
         (Departure(departure.process, 4.2, 0.37), f"polarization {alone['polarization']}."),
         (Departure(departure.process, 4.2, 0.0), f"The scores favour the quadratic ({factor})"),
         (
-            Departure(None, float("nan"), 0.0, "the model is of first order"),
-            "no alternative surface was considered: the model is of first order.",
+            Departure(None, float("nan"), 0.0, "it passes through every score"),
+            "no alternative surface was considered: it passes through every score.",
         ),
     ):
         sections = with_departure(studied, found)

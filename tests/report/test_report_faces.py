@@ -594,7 +594,7 @@ def test_the_history_tells_the_loss_of_each_look_that_has_one(simulated):
     section = history_section(simulated.spec, (told, *bare), analysis, "x")
     (looks,) = section.blocks[-1].blocks
     place = [column.heading for column in looks.columns].index("Expected loss [percent]")
-    assert [row[place].text for row in looks.rows] == ["0.123", *("" for _ in bare)]
+    assert [row[place].text for row in looks.rows] == ["0.12", *("" for _ in bare)]
     place = [column.heading for column in looks.columns].index("Mean at optimum [percent]")
     means = [row[place].text for row in looks.rows]
     assert means[0] != means[-1]

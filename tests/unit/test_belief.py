@@ -139,6 +139,26 @@ def test_scores_that_a_quadratic_nearly_passes_through_are_told_by_the_process_a
         assert "spread" in {run.purpose for run in made.decide(4, analyses=[analysis])}  # as where neither is certain
 
 
+@pytest.mark.parametrize("seed", [4, 5, 6, 7])
+def test_a_hill_that_was_taken_for_a_plane_is_found_and_a_plane_stays_one(tmp_path: Path, seed: int) -> None:
+    """By least squares alone the hill lost 11 points, and its mean was covered in 15 % of 40 campaigns."""
+    rng, text = np.random.default_rng(seed), specification(numeric(2), rest="[model]\norder = 1\n")
+    points = rng.uniform(-1.0, 1.0, (30, 2)).round(3)
+
+    def hill_at(at: np.ndarray) -> np.ndarray:
+        return 80.0 - 12.0 * np.sum((at - [0.2, -0.3]) ** 2, axis=1)
+
+    def plane_at(at: np.ndarray) -> np.ndarray:
+        return 70.0 + at @ [6.0, -4.0]
+
+    for name, truth, top in (("hill", hill_at, 80.0), ("plane", plane_at, 80.0)):
+        found = analysed(tmp_path / name, text, points, truth(points) + 2.0 * rng.standard_normal(30))
+        best, here = found.optimum, truth(found.optimum.point[None, :])[0]
+        assert here > top - 2.0
+        assert best.confidence.low < here < best.confidence.high
+        assert found.fitted.departure.favoured or name == "plane"
+
+
 @pytest.mark.parametrize("seed", [3, 4, 5, 6])
 def test_far_from_runs_that_lie_together_least_squares_are_not_believed(tmp_path: Path, seed: int) -> None:
     """Of 18 scores up to 92 the mean was told as 98 to 222 (-36 to 855) at settings that lose 24 to 44 points."""
@@ -473,6 +493,7 @@ def test_of_a_slope_that_is_not_there_the_better_end_is_told_by_chance(tmp_path:
     assert analysis.optimum.mean == pytest.approx(61.0 - analysis.optimum.optimism)
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 @pytest.mark.parametrize("goal", ["maximize", "minimize"])
 @pytest.mark.parametrize("apart", [0.0, 30.0])
 def test_runs_proposed_for_the_optimum_measure_the_chosen_end_anew(tmp_path: Path, goal: str, apart: float) -> None:
@@ -505,6 +526,7 @@ def test_runs_proposed_for_the_optimum_measure_the_chosen_end_anew(tmp_path: Pat
     assert np.mean(told) == pytest.approx(sign * bias, abs=4.0 * s / np.sqrt(14.0 * 200.0 * len(told)))
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 @pytest.mark.parametrize("ratio", [0.0, 1.2, 1.8])
 def test_replayed_runs_keep_their_weights_and_follow_the_slope_that_is_left(tmp_path: Path, ratio: float) -> None:
     """Against campaigns played out here by weighted least squares; the last eight runs weigh four times as much."""
@@ -633,11 +655,11 @@ def refused(analysis: Analysis, reason: str) -> None:
     ("n", "more", "reason"),
     [
         (4, {}, "from 5 runs on, and there are 4"),
-        (20, {"scores": np.full(20, 70.0)}, "the quadratic passes through every score"),
-        (6, {"scores": np.full(6, 70.0)}, "the quadratic passes through every score"),
-        (20, {"rest": "[model]\norder = 1\n"}, "first order"),
+        (20, {"scores": np.full(20, 70.0)}, "it passes through every score"),
+        (6, {"scores": np.full(6, 70.0)}, "it passes through every score"),
+        (20, {"scores": np.full(20, 70.0), "rest": "[model]\norder = 1\n"}, "it passes through every score"),
     ],
-    ids=["few", "equal", "equal, as many as terms", "first order"],
+    ids=["few", "equal", "equal, as many as terms", "equal, first order"],
 )
 def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, more: dict, reason: str) -> None:
     k = 1 if n < 6 else 2

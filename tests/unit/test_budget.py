@@ -312,7 +312,7 @@ def test_logits_are_told_in_percent(tmp_path: Path, counts: bool) -> None:
     found = json.loads(CliRunner().invoke(app, ["check", str(tmp_path), "--json"]).stdout)
     assert found["noise"] == pytest.approx(np.sqrt(96.0 * 4.0 / 400.0) if counts else 0.8, rel=0.2)
     of_scores = "drawn from the posterior of the 140 scores so far"
-    other = f"surfaces {of_scores}, which favour another surface than a quadratic"  # of logits that of percent is none
+    other = f"surfaces {of_scores}, which favour another surface than the model"  # of logits that of percent is none
     assert found["surfaces"] == (f"quadratics {of_scores}; other surfaces lose more" if counts else other)
     assert found["plans"][0]["half_width"] == pytest.approx(1.97 * found["noise"], rel=0.1)  # 200 runs, one foretold
 

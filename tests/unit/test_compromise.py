@@ -258,6 +258,7 @@ def test_errors_of_one_application_are_not_those_of_another(tmp_path, monkeypatc
     assert found.expected_shortfall == pytest.approx(float(lost.mean()), rel=0.3)
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 def test_scores_to_expect_are_those_of_least_squares_at_the_compromise(tmp_path) -> None:
     """Against statsmodels' confidence and prediction intervals, of a first-order model; a cost has none."""
     uses = "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\n' for name in "ab")

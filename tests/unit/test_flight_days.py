@@ -63,11 +63,11 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     assert surface.common_sd == pytest.approx(np.mean(of_days), rel=0.05)
 
 
-def test_no_other_surface_is_weighed_against_a_plane(tmp_path) -> None:
+def test_a_plane_asks_for_three_runs_a_term_where_another_surface_is_likelier(tmp_path) -> None:
     text = specification(numeric(10), rest="[model]\norder = 1\n")
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
     found = check_campaign(tmp_path)
-    assert (found.n_terms, found.min_runs, found.min_runs_departed) == (11, 31, 31)
+    assert (found.n_terms, found.min_runs, found.min_runs_departed) == (11, 31, 33)
 
 
 def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path) -> None:
@@ -87,7 +87,7 @@ def test_check_counts_the_constants_of_fixed_days_as_the_stop_rule_does(tmp_path
     told = [dict(check_sections(one)[0].blocks[0].items) for one in (before, after)]
     assert [one["minimum runs to stop"] for one in told] == [
         "18, and more for each further flight day; the budget is enough for 18 of these",
-        "33, or up to 39 if scores favour another surface than a quadratic, and more for each further flight day; "
+        "33, or up to 39 if scores favour another surface than the model, and more for each further flight day; "
         "the budget is enough for 11 of these",
     ]
     random = check_campaign(

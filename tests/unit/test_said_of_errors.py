@@ -127,7 +127,7 @@ def test_curvatures_and_intervals_of_weighted_logits_have_their_unit_and_weight(
 def test_no_quadratic_is_named_where_the_model_is_of_first_order(tmp_path):
     plane = of(tmp_path, 'order = 1\nblock = "day"', source="flight", block=DAYS)
     told = " ".join([str(section) for section in (shape_section(plane, "x"), model_section(plane, "x"))])
-    assert "Settings and intervals are those of the first-order model" in told
+    assert "a Gaussian process about a first-order model of shrunk coefficients" in told
     assert "by the first-order model, not corrected" in told
     assert "quadratic" not in told
 

@@ -550,8 +550,9 @@ def flown_otherwise(made: Campaign, unasked: int) -> list[IngestedRun]:
     return runs
 
 
-def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign) -> None:
+def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign, monkeypatch) -> None:
     """To the last digit, and those of the flight, not those that it was asked for: else it is no repeat of it."""
+    monkeypatch.setattr("seqrsm.analysis.belief.LEAST_RUNS", 1000)  # beside a process no run is kept for repeats
     text = spec_text(ALL_KINDS, "half_width = 1.0\nmax_runs = 90", rest="[model]\norder = 1\n")
     made = campaign(text, bowl)
     runs = flown_otherwise(made, 12)

@@ -53,6 +53,7 @@ def analysis(place, more="", order=1, prior=""):
     return campaign(place / "c", text, points, scores).analyse_all(n_draws=4000, thorough=True)[0]
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 @pytest.mark.parametrize("prior", ["", PRIOR])
 def test_steps_are_the_t_intervals_of_differences(prior, tmp_path) -> None:
     """By the scores alone, as the recommended settings are, whatever prior is stated."""
@@ -83,6 +84,7 @@ def test_steps_are_the_t_intervals_of_differences(prior, tmp_path) -> None:
         assert step.better == pytest.approx(float(stats.t.cdf(gain / se, fit.df_residual)), abs=0.04)
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 def test_levels_that_are_not_chosen_differ_as_they_do_by_the_fit(tmp_path) -> None:
     """Each was cut to the mean of the best: of a fall by 0.34 from 2 to 3 dates, -0.49 to -0.18, -0.14 was told."""
     rng = np.random.default_rng(4)
@@ -253,6 +255,7 @@ def test_lines_of_levels_stand_side_by_side_at_the_values_of_a_logarithmic_axis(
         np.testing.assert_array_equal(one.get_ydata(), line.mean)
 
 
+@pytest.mark.usefixtures("least_squares_alone")
 def test_a_gain_is_the_difference_of_scores_that_there_can_be(tmp_path) -> None:
     """By the fit alone C scores 115 percent, and L is told to be 50 below an optimum of 100 at a mean of 65."""
     factors = '[[factor]]\nname = "x"\nlow = -1\nhigh = 1\n[[factor]]\nname = "bands"\nlevels = ["L", "C"]\n'

@@ -20,7 +20,7 @@ def check_sections(result: CheckResult) -> tuple[Section, ...]:
     judged = result.judged
     least, most = (str(max(own)) for own in zip(*((j.min_runs, j.min_runs_departed) for j in judged), strict=True))
     if most != least:
-        least += f", or up to {most} if scores favour another surface than a quadratic"
+        least += f", or up to {most} if scores favour another surface than the model"
     if result.further_days is not None:
         enough = min(one.further_days or 0 for one in judged)
         least += f", and more for each further flight day; the budget is enough for {enough} of these"

@@ -82,11 +82,10 @@ def _stop_text(dossier: Dossier) -> str:
         "runs": "a minimum number of runs for the terms of the model",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
     }
-    quadratic = dossier.spec.model.order == 2
-    alone = "If only the quadratic is considered" if quadratic else "As the model is of first order"
+    model = dossier.spec.quadratic.name
     return (
         f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
-        f"{target}{loss}; in addition, {guards[stop.guard]}. {alone}, pure "
+        f"{target}{loss}; in addition, {guards[stop.guard]}. If only the {model} is considered, pure "
         "error must be estimable and lack of fit not significant (at "
         f"{level_text(LACK_OF_FIT_ALPHA)}). Budget: {stop.max_runs} runs."
     )

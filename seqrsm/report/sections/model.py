@@ -51,7 +51,6 @@ from seqrsm.report.wording import (
     is_weighted,
     level_phrase,
     listing,
-    model_name,
     no_error_estimate,
     number_cell,
     p_cell,
@@ -241,8 +240,8 @@ def _lack_of_fit_text(analysis: Analysis) -> str:
 
 
 _COVERED = (
-    "The surface departs from the polynomial by more than the scatter of repeated runs; the intervals allow for a "
-    "non-quadratic surface."
+    "The surface departs from the polynomial by more than the scatter of repeated runs; the intervals allow for "
+    "another surface."
 )
 _NOT_COVERED = (
     "The surface departs from the polynomial by more than the scatter of repeated runs; the intervals may not reach "
@@ -429,7 +428,7 @@ def _by_block(analysis: Analysis) -> list[Block]:
         level, new = level_phrase(analysis), found.new
         ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
         columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
-        whose = model_name(analysis)
+        whose = analysis.model.name
         title = f"The recommended settings in a new block, by the {whose}, not corrected for selection bias"
         blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
     return [Details("Differences between blocks", tuple(blocks))]

@@ -73,7 +73,6 @@ from seqrsm.report.wording import (
     is_weighted,
     level_phrase,
     listing,
-    model_name,
     no_intervals,
     number_cell,
     optimum_setting_text,
@@ -178,7 +177,7 @@ def shape_section(analysis: Analysis, key: str) -> Section:
 def _prediction(analysis: Analysis) -> list[Block]:
     """How the interval of a future run follows from the quadratic."""
     surface, departure = analysis.fitted.surface, analysis.fitted.departure
-    whose = "With the quadratic alone, the" if departure.probability > 0.0 else "The"
+    whose = f"With the {analysis.model.name} alone, the" if departure.probability > 0.0 else "The"
     weighted = is_weighted(analysis)
     weights = ", W holds the weights of the runs and w\u2080 is that of the future run" if weighted else ""
     if not surface.errors.exact:
@@ -252,15 +251,13 @@ def _steps(analysis: Analysis) -> list[Block]:
     return [table(caption, columns, rows)]
 
 
-_ALTERNATIVE = "a Gaussian process about a quadratic of shrunk coefficients"
-
-
 def _departure(analysis: Analysis) -> list[Block]:
     """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
-    found = analysis.fitted.departure
+    found, model = analysis.fitted.departure, analysis.model.name
     if found.process is None:
-        whose = f"those of the {model_name(analysis)}"
-        text = f"Settings and intervals are {whose}; no alternative surface was considered: {found.reason}."
+        text = (
+            f"Settings and intervals are those of the {model}; no alternative surface was considered: {found.reason}."
+        )
         if found.reason == STATED and analysis.fitted.surface.errors.exact:
             text += (
                 " The prior enters the credible intervals of the optimal settings, the expected loss and the choice of "
@@ -271,16 +268,17 @@ def _departure(analysis: Analysis) -> list[Block]:
     of_many = many if found.process.gathered else ""
     two = "It has the same model discrepancy, of uncertain size, and a noise variance for each source. "
     of_sources = "" if analysis.sources is None else two
+    alternative = f"a Gaussian process about a {model} of shrunk coefficients"
     how = (
-        f"The alternative is {_ALTERNATIVE}, with a length scale and an axis warp for each factor, averaged over "
+        f"The alternative is {alternative}, with a length scale and an axis warp for each factor, averaged over "
         f"{len(found.process.hyper.noise)} draws of its hyperparameters: another seed moves the ends of intervals by a "
         f"few percent of their half-width, by up to a fifth at 20 runs. {of_many}{of_sources}Its prior probability is "
         f"{format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}; with few runs a term it may be the likelier of a "
-        "surface that is quadratic."
+        "surface that follows it."
     )
     factor = f"log Bayes factor {format_number(found.log_bayes_factor, 1)}"
     if found.probability == 0.0:
-        return [Paragraph(f"The scores favour the quadratic ({factor}). ", method=how)]
+        return [Paragraph(f"The scores favour the {model} ({factor}). ", method=how)]
     alone = rounded_settings(analysis, analysis.region.decode(analysis.of_quadratic.point)[0])
     weighed = (
         f"has a probability of {format_share(found.probability)} ({factor}); settings and intervals average over both "
@@ -289,8 +287,8 @@ def _departure(analysis: Analysis) -> list[Block]:
     if found.reason:
         weighed = f"alone gives settings and intervals, whatever its probability ({factor}): {found.reason}"
     text = (
-        f"The alternative to the quadratic, {_ALTERNATIVE}, {weighed}. Coefficients, analysis of variance, F tests, "
-        f"effects, residuals and curvatures are the quadratic's; its optimum is at {alone}. "
+        f"The alternative to the {model}, {alternative}, {weighed}. Coefficients, analysis of variance, F tests, "
+        f"effects, residuals and curvatures are the {model}'s; its optimum is at {alone}. "
     )
     return [Paragraph(text, method=how)]
 
@@ -310,7 +308,7 @@ def _choice(analysis: Analysis) -> list[Block]:
     how = (
         "The bias is estimated by a parametric bootstrap: 200 sets of scores are simulated about the fitted surface, "
         "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates "
-        f"anew; for the {model_name(analysis)}, with the runs proposed for the optimum at the optimum of its own "
+        f"anew; for the {analysis.model.name}, with the runs proposed for the optimum at the optimum of its own "
         "earlier scores."
     )
     return [Paragraph(text, method=how)]

@@ -39,7 +39,6 @@ from seqrsm.report.wording import (
     listing,
     loss_text,
     mean_text,
-    model_name,
     no_error_estimate,
     no_intervals,
     optimum_setting_text,
@@ -201,7 +200,7 @@ def _new_block(analysis: Analysis) -> str:
         return ""
     new = blocks.new.prediction  # of the quadratic alone, with the variance of blocks
     wider = new.half_width > analysis.optimum.prediction.half_width
-    ends = f", by the {model_name(analysis)} alone, {interval_text(analysis, new)}" if wider else " no narrower"
+    ends = f", by the {analysis.model.name} alone, {interval_text(analysis, new)}" if wider else " no narrower"
     return f" in the average block; in a new block{ends}"
 
 
