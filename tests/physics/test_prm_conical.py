@@ -162,6 +162,14 @@ def test_one_that_does_not_turn_looks_at_its_angle_and_its_beam_stays_while_it_i
     )
 
 
+def test_smaps_footprint_is_that_of_its_makers_page() -> None:
+    """40 km, which is the root of both diameters; 47 km of the longer."""
+    made = replace(radiometer_of(BY_TITLE["SMAP L 1.41 GHz"], "H"), **GROUND)
+    along, across = (half_power_m(made, 3e3, axis) for axis in (1, 0))
+    assert along == pytest.approx(47e3, rel=0.05)
+    assert math.sqrt(along * across) == pytest.approx(40e3, rel=0.05)
+
+
 # star.nesdis.noaa.gov/mirs/amsr2.php and gpmgmi.php; 0.65 deg of AMSR2 at 18.7 GHz gives 12.6 km, not the 14 km there.
 BEAMS_DEG = {
     "AMSR2 6.925 GHz": 1.8, "AMSR2 7.3 GHz": 1.8, "AMSR2 10.65 GHz": 1.2,
@@ -188,6 +196,12 @@ def test_turns_are_as_far_apart_as_published_and_a_footprint_lasts_as_long() -> 
     slant, radius = made.reach_m(made.altitude_m)
     assert math.degrees(math.asin(radius / slant)) == pytest.approx(48.5, abs=0.3)
     assert made.conical_incidence_deg == 52.8
+
+
+def test_the_receivers_noise_is_the_published_one() -> None:
+    made = replace(radiometer_of(BY_TITLE["AMSR2 10.65 GHz"], "H"), **GROUND)
+    found = image(scene(np.zeros((40, 40)), 1e3), made, Table((1.0,)))
+    assert np.nanmedian(found.nedt_k) == pytest.approx(0.7, rel=0.01)
 
 
 def test_every_cell_has_a_footprint_and_the_nearest_one() -> None:

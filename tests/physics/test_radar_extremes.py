@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from psm_cases import Table, mapped, quiet, radar, scene
+from psm_cases import Table, mapped, radar, scene
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -17,8 +17,22 @@ from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 
 
+def quiet(s, r, table=None, **options):
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
+
+
 def apparent(image):
     return image.mean_power[0] / image.calibration_w[:, None]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_grazing_at_89_9_degrees(dtype):
+    y0, height = 60_000.0, 100.0
+    p = mapped(np.zeros((50, 3)), y0, height, 5.0, radar(), dtype, sigma0=lambda theta: theta)
+    y = y0 + np.arange(50) * 5.0
+    theta = p.power[0, :, 0] / (p.reference_range_m**2 / (y**2 + height**2)) ** 2
+    assert np.rad2deg(theta.min()) > 89.9
+    np.testing.assert_allclose(theta, np.arctan2(y, height), atol=2e-6)
 
 
 def test_a_bump_of_a_millimetre_hides_ground_at_grazing_angles_and_a_flat_plane_hides_none():
@@ -35,6 +49,14 @@ def test_a_bump_of_a_millimetre_hides_ground_at_grazing_angles_and_a_flat_plane_
     assert shadow[1][51]
 
 
+def test_nadir():
+    r = radar(depression_angle_deg=89.5, bandwidth_mhz=9000.0, altitude_m=8000.0, earth="flat")
+    image = quiet(scene(np.zeros((6, 40)), 10.0), r, Table((-10.0,), 0.2))
+    assert image.incidence_angle_deg.max() < 1.0
+    expected = 10.0 ** (-1.0 - 0.02 * image.incidence_angle_deg)
+    np.testing.assert_allclose(apparent(image), np.broadcast_to(expected[:, None], apparent(image).shape), rtol=0.01)
+
+
 def test_metre_cells_from_850_km():
     rng = np.random.default_rng(1)
     z = rng.normal(0.0, 0.05, (80, 60)).cumsum(axis=0)
@@ -48,6 +70,20 @@ def test_metre_cells_from_850_km():
     assert (image["float32"].pixel_of_cell >= 0).all()
     flat = quiet(scene(np.zeros((80, 60)), 1.0), r)
     np.testing.assert_allclose(apparent(flat), 0.1, rtol=2e-3)
+
+
+@pytest.mark.parametrize("height_m", [30.0, 3000.0])
+def test_relief_of_thirty_and_of_three_thousand_metres(height_m):
+    z = height_m * 0.5 * (1.0 + np.sin(np.arange(120) / 9.0))[:, None] * np.ones((1, 50))
+    r = radar(altitude_m=12_000.0, prf_hz=500.0, resolution_m=60.0)
+    image = {p: quiet(scene(z, 30.0), r, precision=p) for p in ("float32", "float64")}
+    for made in image.values():
+        assert np.isfinite(made.intensity).all()
+        assert (made.intensity > 0.0).all()
+    total = [float(i.mean_power.sum(dtype=float)) for i in image.values()]
+    assert total[0] == pytest.approx(total[1], rel=1e-5)
+    # Slopes of 15 m in 9 cells of 30 m are always lit; those of 1500 m are steeper than the line of sight.
+    assert image["float32"].shadow.any() == image["float32"].layover.any() == (height_m > 1000.0)
 
 
 def test_a_vertical_cliff_hides_ground_and_keeps_its_power():
@@ -88,7 +124,7 @@ def test_ground_without_echo_is_noise_and_its_picture_has_every_level_defined():
     assert np.abs(tones.astype(float) - 127.5).max() < 5.0
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
 def test_one_cell_one_row_and_one_column(shape, heading_deg):
     image = quiet(scene(np.full(shape, 12.0), 10.0), radar(fading="none", heading_deg=heading_deg))
@@ -121,6 +157,13 @@ def test_one_known_cell_among_holes_is_imaged(heading_deg):
     image = quiet(scene(z, 10.0, cover), radar(fading="none", heading_deg=heading_deg))
     assert image.pixel_of_cell[4, 4] >= 0
     assert apparent(image).sum() * 20.0**2 == pytest.approx(0.1 * 10.0**2, rel=0.05)
+
+
+def test_two_by_two_cells_are_one_pixel():
+    image = quiet(scene(np.zeros((2, 2)), 10.0), radar(fading="none"))
+    assert image.intensity.shape == (1, 1, 1)
+    assert apparent(image) == pytest.approx(0.1, rel=1e-3)
+    np.testing.assert_array_equal(image.pixel_of_cell, 0)
 
 
 @pytest.mark.parametrize("earth", ["curved", "flat"])
@@ -167,6 +210,12 @@ def test_an_image_a_tenth_of_a_degree_from_nadir():
     expected = 10.0 ** (-1.0 - 0.02 * image.incidence_angle_deg)
     np.testing.assert_allclose(apparent(image), np.broadcast_to(expected[:, None], apparent(image).shape), rtol=0.01)
     assert (image.looks >= 1.0).all()
+
+
+@pytest.mark.parametrize(("angle", "words"), [(90.0, "0.05 to 89.95"), (0.0, "0.05 to 89.95"), (0.06, "horizon")])
+def test_at_nadir_and_beyond_the_horizon_nothing_is_resolved(angle, words):
+    with pytest.raises(ConfigurationError, match=words):
+        radar(depression_angle_deg=angle)
 
 
 def test_a_swath_that_reaches_behind_nadir_is_refused_with_the_angle_that_does():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from psm_cases import Table, frame, lut_of, power_map, quiet, radar, scene
+from psm_cases import Table, frame, lut_of, power_map, radar, scene
 from scipy import stats
 
 from seqrsm.errors import ConfigurationError, SceneError
@@ -18,10 +18,16 @@ from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums
 from seqrsm.simulate.radar.fading import correlated_fading
+from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
 from seqrsm.simulate.radar.targets import CulturalTarget
+from seqrsm.simulate.runner import do_all
 
 RE = 6_371_008.8
+
+
+def quiet(s, r, table=None, **options):
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 def on_the_sphere(arc, z, height):
@@ -188,6 +194,19 @@ def test_a_pyramid_is_the_same_from_eight_headings():
     assert np.ptp(shadows) < 0.01
 
 
+def test_an_oblique_heading_throws_shadows_its_own_way():
+    z = np.zeros((80, 80))
+    z[38:42, 38:42] = 40.0
+    image = quiet(scene(z, 5.0), radar(heading_deg=45.0, resolution_m=10.0))
+    rows, cols = np.nonzero(image.shadow)
+    # Flying north-east the radar looks south-east.
+    assert rows.mean() - 39.5 > 2.0
+    assert cols.mean() - 39.5 > 2.0
+    assert abs((rows.mean() - 39.5) - (cols.mean() - 39.5)) < 1.0
+    assert image.pixel_of_cell.shape == z.shape
+    assert (image.pixel_of_cell >= 0).mean() > 0.99
+
+
 def target_image(target, **changes):
     s = scene(np.zeros((80, 60)), 5.0)
     r = radar(earth="flat", fading="none", **changes)
@@ -206,6 +225,17 @@ def test_a_single_target_has_its_power_and_place():
     theta = math.radians(image.incidence_angle_deg[row])
     looks = 20.0**2 / (r.slant_resolution_m / math.sin(theta) * 1.0)
     assert more.sum() == pytest.approx(constant * 1e4 / slant**4 / looks, rel=1e-9, abs=0.0)
+
+
+def test_a_target_in_shadow_is_silent_and_a_mast_rises_out_of_it():
+    z = np.zeros((80, 60))
+    z[30] = 60.0
+    s = scene(z, 5.0)
+    r = radar(earth="flat", fading="none")
+    base = quiet(s, r)
+    for height, seen in ((0.0, False), (55.0, True)):
+        more = quiet(s, r, targets=(CulturalTarget(34, 30, 60.0, height_m=height),)).mean_power - base.mean_power
+        assert bool((more > 0).any()) == seen
 
 
 @pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0, 30.0])
@@ -263,6 +293,12 @@ def test_automatic_gain_follows_the_flight():
     noise = float(image.noise_power_w.mean() / image.mean_power[0, :, -1].mean())
     assert noise < 0.01
     assert line[k] / line[-1] == pytest.approx(1.0 / follow, rel=0.02)
+
+
+def test_saturation_holds_all_at_its_level():
+    s = scene(np.zeros((60, 60)), 5.0)
+    saturated = quiet(s, radar(receiver="saturation", receiver_level_db=-60.0)).intensity
+    assert np.unique(saturated).size == 1
 
 
 def pulses_converted(bits: int, sigma0: np.ndarray, full_scale_db: float) -> np.ndarray:
@@ -379,6 +415,20 @@ def test_whole_images_are_the_same_bits_for_any_number_of_threads():
         np.testing.assert_array_equal(quiet(s, r, table, threads=threads).intensity, one.intensity)
 
 
+def test_what_fails_in_a_thread_is_told_to_the_caller():
+    done: list[int] = []
+
+    def work(k: int) -> None:
+        if k == 3:
+            raise ValueError("third")
+        done.append(k)
+
+    with pytest.raises(ValueError, match="third"):
+        do_all(work, 8, 4)
+    do_all(done.append, 100, 7)
+    assert sorted(done[-100:]) == list(range(100))
+
+
 @pytest.mark.parametrize("looks", [1.0, 4.0, 40.5])
 def test_fine_pixels_fade_together(looks):
     x = correlated_fading(
@@ -408,3 +458,38 @@ def test_fine_pixels_fade_together_as_far_as_their_cells_overlap_on_the_ground(r
     for lag in (1, 2, 3):
         of_range, of_azimuth = np.mean(x[lag:] * x[:-lag]) / x.var(), np.mean(x[:, lag:] * x[:, :-lag]) / x.var()
         assert (of_range, of_azimuth) == pytest.approx((1.0 - lag / 4.0,) * 2, abs=0.05)
+
+
+def test_an_image_of_fine_pixels():
+    s = scene(np.zeros((120, 120)), 5.0)
+    r = radar(resolution_m=30.0, pixel_m=10.0)
+    image = quiet(s, r)
+    assert image.intensity.shape[1:] == (60, 60)
+    apparent = image.mean_power[0] / image.calibration_w[:, None]
+    np.testing.assert_allclose(apparent, 0.1, rtol=3e-3)
+    d = image.intensity[0] / image.mean_power[0] - 1.0
+    assert np.mean(d[:, 1:] * d[:, :-1]) / d.var() > 0.5
+    coarse = quiet(s, radar(resolution_m=30.0))
+    np.testing.assert_array_equal(np.unique(np.round(coarse.looks, 6))[:1] > 0, [True])
+    assert any("correlated" in note for note in image.notes)
+
+
+def test_extremes_have_finite_images():
+    rng = np.random.default_rng(1)
+    orbit = quiet(
+        scene(rng.normal(0, 15, (60, 60)).cumsum(axis=0), 1.0),
+        radar(
+            altitude_m=850e3, resolution_m=5.0, bandwidth_mhz=300.0, prf_hz=8000.0, speed_m_s=7500.0,
+            antenna_length_m=10.0, peak_power_w=5000.0, antenna_gain_db=45.0, pulse_length_us=30.0,
+        ),
+    )  # fmt: skip
+    assert np.isfinite(orbit.intensity).all()
+    cliff = np.zeros((80, 40))
+    cliff[40:] = 3000.0
+    assert np.isfinite(quiet(scene(cliff, 5.0), radar(altitude_m=8000.0)).intensity).all()
+    grazing = radar(depression_angle_deg=3.0, altitude_m=1000.0)
+    image = quiet(scene(rng.normal(0, 5, (80, 40)), 5.0), grazing)
+    assert image.shadow.mean() > 0.3
+    assert (image.intensity > 0).all()
+    tiny = quiet(scene(np.zeros((2, 2)), 5.0), radar())
+    assert tiny.intensity.shape == (1, 1, 1)

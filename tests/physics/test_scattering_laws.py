@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.scattering.curves import limit_db, moisture_change_db
-from seqrsm.scattering.models import backscatter_oh04, reflectivity_fresnel
+from seqrsm.scattering.models import backscatter_layer_ulaby14, backscatter_oh04, backscatter_oh92, reflectivity_fresnel
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 
@@ -71,6 +71,20 @@ def test_grazing_is_constant_gamma(category: str) -> None:
     assert abs(10.0 * np.log10(sigma0[75] / sigma0[74])) < 1.0  # and goes on from the curve before
 
 
+@pytest.mark.parametrize("epsilon", [2.0 + 0j, 4.0 - 0.1j, 9.0 - 0.9j, 60.0 + 30.0j])
+def test_fresnel(epsilon: complex) -> None:
+    r = reflectivity_fresnel(epsilon, THETA)
+    assert np.all(r.v <= r.h + 1e-12)  # emissivity e_v >= e_h
+    assert r.h[0] == pytest.approx(r.v[0], rel=1e-12)
+    assert np.all(np.diff(r.h) > 0)
+    assert np.all((r.h >= 0) & (r.h <= 1) & (r.v >= 0) & (r.v <= 1))
+
+
+def test_brewster_angle() -> None:
+    brewster = np.arctan(np.sqrt(5.0))
+    assert reflectivity_fresnel(5.0 + 0j, brewster).v == pytest.approx(0.0, abs=1e-20)
+
+
 def test_reflection_and_transmission_add_up_to_one() -> None:
     """Energy flux through a lossless boundary, from the transmitted amplitudes (an independent formula)."""
     n, theta = 2.5, np.deg2rad(40.0)
@@ -81,6 +95,31 @@ def test_reflection_and_transmission_add_up_to_one() -> None:
     r = reflectivity_fresnel(n**2 + 0j, theta)
     assert r.h + ratio * t_h**2 == pytest.approx(1.0)
     assert r.v + ratio * t_v**2 == pytest.approx(1.0)
+
+
+def test_rough_surface_models() -> None:
+    theta = np.deg2rad(np.arange(5.0, 71.0))
+    for model in (backscatter_oh92(9.0 - 0.9j, 0.8, theta), backscatter_oh04(0.2, 0.8, theta)):
+        assert np.all(model.hh <= model.vv)
+        assert np.all(model.hv < model.hh)
+        assert np.all(np.diff(model.vv) < 0)
+    smooth, rough = (backscatter_oh92(9.0 - 0.9j, ks, theta) for ks in (0.3, 1.5))
+    assert np.all(rough.vv > smooth.vv)
+
+
+def test_layer_limits() -> None:
+    theta = np.deg2rad(40.0)
+    assert backscatter_layer_ulaby14(0.07, 0.4, 0.1, 0.0, theta) == pytest.approx(0.07)  # no layer: the ground
+    deep = 0.75 * 0.1 * np.cos(theta)  # opaque layer: half-space of Rayleigh scatterers
+    assert backscatter_layer_ulaby14(0.07, 0.4, 0.1, 50.0, theta) == pytest.approx(deep)
+
+
+def test_wetter_soil_is_brighter() -> None:
+    values = [db("Bareground", 3.0, "VV", soil_moisture=mv)[40] for mv in (0.05, 0.1, 0.2, 0.29)]
+    assert np.all(np.diff(values) > 0)
+    assert db("Bareground", 3.0, "VV", soil_moisture=0.45)[40] == pytest.approx(
+        db("Bareground", 3.0, "VV", soil_moisture=0.5)[40], abs=0.02
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,6 +170,15 @@ def test_cross_polarization_of_water_goes_by_the_logarithm_of_the_wind() -> None
         for theta, level in told.items():
             wanted = level[parts[0]] + share * (level[parts[1]] - level[parts[0]])
             assert db("Water", 5.4, "HV", wind_m_s=wind)[theta] == pytest.approx(wanted, abs=0.02)
+
+
+def test_mixture_is_linear_in_power() -> None:
+    """Half a cell of each category: the mean of the powers, which in dB exceeds the mean of the dB (Jensen)."""
+    found = TABLE.lookup(["Trees", "Asphalt"], 1.25, "HH")
+    mixed = 10.0 * np.log10(found.sigma0[:, 40].mean())
+    each = 10.0 * np.log10(found.sigma0[:, 40])
+    assert mixed == pytest.approx(each.max() - 3.0, abs=0.02)
+    assert mixed > each.mean() + 8.0
 
 
 def test_limits_settle_the_ends() -> None:

@@ -51,6 +51,52 @@ def test_two_gaussian_classes_reach_the_bayes_share(distance, d):
     assert score.n_clusters == 400
 
 
+def test_unequal_spreads_reach_the_quadratic_bayes_share():
+    rng = np.random.default_rng(2)
+    n = 60_000
+    truth = rng.integers(0, 2, n)
+    db = rng.normal(0.0, np.where(truth, 3.0, 1.0))
+    counts = np.eye(2, dtype=np.int32)[truth]
+    score = score_pixels(10.0 ** (0.1 * db[:, None]), counts, np.arange(n) // 100, seed=1, run_id=1)
+    cut = math.sqrt(2.0 * math.log(3.0) / (1.0 - 1.0 / 9.0))
+    expected = 50.0 * (special.erf(cut / math.sqrt(2)) + 1.0 - special.erf(cut / 3.0 / math.sqrt(2)))
+    assert score.value == pytest.approx(expected, abs=1.0)
+
+
+def test_speckle_is_told_no_better_than_its_own_law_allows():
+    rng = np.random.default_rng(3)
+    n, looks, ratio = 60_000, 4.0, 2.0
+    truth = rng.integers(0, 2, n)
+    power = rng.gamma(looks, 1.0 / looks, n) * np.where(truth, ratio, 1.0)
+    cut = math.log(ratio) / (1.0 - 1.0 / ratio)
+    expected = 50.0 * (special.gammainc(looks, looks * cut) + special.gammaincc(looks, looks * cut / ratio))
+    counts = np.eye(2, dtype=np.int32)[truth]
+    score = score_pixels(power[:, None], counts, np.arange(n) // 100, seed=1, run_id=1)
+    assert expected - 5.0 < score.value < expected + 1.0
+
+
+def test_the_common_class_is_not_named_for_being_common():
+    rng = np.random.default_rng(4)
+    n = 20_000
+    truth = (rng.random(n) < 0.1).astype(int)
+    power = 10.0 ** (0.1 * rng.normal(0, 1, (n, 1)))
+    counts = np.eye(2, dtype=np.int32)[truth]
+    assert score_pixels(power, counts, np.arange(n) // 50, seed=1, run_id=1).value < 80.0
+
+
+def test_every_cell_of_a_mixed_pixel_counts():
+    power, counts, tile = two_classes(12.0)
+    counts *= 2
+    counts[:, 0] += 1
+    truth = (counts[:, 1] > 0).astype(int)
+    # Class 1 pixels hold one cell of class 0: a seventh of their cells cannot be right.
+    score = score_pixels(power, counts, tile, seed=1, run_id=1)
+    expected = 100.0 * (7 * (truth == 0).sum() + 6 * (truth == 1).sum()) / counts.sum()
+    assert score.value == pytest.approx(expected, abs=0.05)
+    assert score.confusion[0, 1] == (truth == 1).sum()
+    assert score.confusion.sum() == score.n_cells
+
+
 def test_a_class_missing_from_the_teaching_half_is_never_named():
     power, counts, tile = two_classes(5.0, n=4000)
     three = np.zeros((4000, 3), dtype=np.int32)
@@ -66,11 +112,29 @@ def test_a_class_missing_from_the_teaching_half_is_never_named():
         score_pixels(power, np.zeros_like(three), tile, seed=1, run_id=1)
 
 
+def test_a_class_of_few_pixels_and_constant_power_keeps_a_usable_covariance():
+    rng = np.random.default_rng(5)
+    power = np.ones((400, 3))
+    power[:200] = 10.0 ** (0.1 * rng.normal(0, 1, (200, 3)))
+    counts = np.zeros((400, 2), dtype=np.int32)
+    counts[:200, 0] = 1
+    counts[200:, 1] = 1
+    score = score_pixels(power, counts, np.arange(400) % 8, seed=1, run_id=1)
+    assert 75.0 < score.value <= 100.0
+
+
 def test_zero_power_is_the_darkest_and_makes_no_warning():
     power, counts, tile = two_classes(6.0, n=2000)
     power[counts[:, 0] > 0] = 0.0
     assert score_pixels(power, counts, tile, seed=1, run_id=1).value > 97.0
     assert score_pixels(np.zeros_like(power), counts, tile, seed=1, run_id=1).value < 60.0
+
+
+def test_the_split_is_the_runs_own_and_repeats():
+    arguments = two_classes(1.0, n=3000)
+    a, b, c = (score_pixels(*arguments, seed=1, run_id=k) for k in (1, 1, 2))
+    assert a.value == b.value
+    assert a.value != c.value
 
 
 def test_cluster_error_is_that_of_repeated_samples():

@@ -154,6 +154,18 @@ def test_ground_within_reach_is_one_fields_where_a_window_holds_no_other(kind: t
         np.testing.assert_array_equal(in_one_field(field, reach), expected)
 
 
+def test_a_scene_smaller_than_a_tile_is_not_taught_what_it_is_tested_on() -> None:
+    """Fields of one cover that go by four names: a quarter is right by chance. Taught on itself it had 47 %."""
+    scene, scores = fields(side=16, n=96, cell_m=2.5), []
+    one = replace(scene, cover=np.zeros_like(scene.cover))
+    for run in range(12):
+        names = np.random.default_rng(run).permutation(np.arange(36) % 4).astype(np.uint8)
+        named = replace(scene, cover=names[scene.field_id])
+        key = {"seed": 3, "run_id": run}
+        scores.append(percent_correct([image(one, 10.0, run_id=run)], named, by="field", **key).value)
+    assert np.mean(scores) < 33.0
+
+
 @pytest.mark.parametrize("by", ["pixel", "segment", "field"])
 def test_large_fields_are_not_taught_what_they_are_tested_on(by: str) -> None:
     """Fields of 9 ha of one cover that go by four names, a quarter is right by chance: divided, 43 to 47 % were."""
@@ -296,6 +308,22 @@ def test_fields_that_hold_no_pixel_do_not_teach_but_are_tested() -> None:
     assert np.isfinite(evidence.features[:, cells > 0]).all()
 
 
+def test_windows_help_pixels_and_fields_hardly_need_them() -> None:
+    """Over the windows of a multilook: by pixel the score climbs and stays, by field it is high from the start."""
+    scene = fields(side=16, n=192, cell_m=5.0)
+    by_pixel, by_field = [], []
+    for resolution in (5.0, 15.0, 35.0, 75.0):
+        made = [image(scene, resolution, 1.25, run_id=k) for k in range(1, 5)]
+        for found, by in ((by_pixel, "pixel"), (by_field, "field")):
+            found.append(np.mean([percent_correct([one], scene, by=by, **KEY).value for one in made]))
+    assert by_pixel[1] > by_pixel[0] + 1.5
+    assert by_field[0] > max(by_field) - 2.0
+    assert min(f - p for f, p in zip(by_field, by_pixel, strict=True)) > 1.0
+    assert by_field[0] - by_pixel[0] > by_field[1] - by_pixel[1]
+    # The best window of pixels is coarser than the least that fields need.
+    assert int(np.argmax(by_field)) <= int(np.argmax(by_pixel))
+
+
 def test_the_filter_keeps_edges_and_takes_noise() -> None:
     rng = np.random.default_rng(4)
     truth = np.where(np.arange(80) < 40, 0.0, 30.0)[:, None] + np.zeros((80, 60))
@@ -371,6 +399,16 @@ def test_even_ground_is_not_cut_by_the_noise_of_coarser_pixels() -> None:
     for images in ([fine, coarse], [image(even, 20.0, 5.4, texture_db=0.0, pixel_m=5.0)]):
         found = evidence_of(images, even, by="segment", **KEY)
         assert found.features.shape[1] == pytest.approx(len(np.unique(pixels_of(images[:1], even, **KEY).tile)), abs=2)
+
+
+def test_segments_score_between_pixels_and_fields() -> None:
+    scene = fields(side=16, n=192, cell_m=5.0)
+    for frequency in (1.25, 5.4):
+        units = ("pixel", "segment", "field")
+        made = [image(scene, 5.0, frequency, run) for run in range(4)]
+        each = [[percent_correct([one], scene, by=by, **KEY).value for by in units] for one in made]
+        pixel, segment, field = np.mean(each, axis=0)
+        assert pixel + 3.0 < segment < field
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0, 4.0])
