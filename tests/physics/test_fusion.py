@@ -6,13 +6,15 @@ import numpy as np
 import prm_cases
 import psm_cases
 import pytest
+from scipy.stats import multivariate_normal
 from shorthands import left, met_on_time, percent_correct
 
 from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.cover import score_evidence
+from seqrsm.score.classification import halves
+from seqrsm.score.cover import score_cover, score_evidence
 from seqrsm.score.evidence import Evidence, decibels
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.score.pixels import pixels_of
@@ -122,17 +124,24 @@ def test_h_and_v_see_fields_alike_at_nadir_and_as_covers_at_53_degrees():
     assert found[0] > 0.9999
 
 
-def test_tiles_are_twice_as_wide_as_the_widest_footprint():
-    """Where one was wider than a tile, its noise told the half that it tests where the other had found what."""
-    ground = psm_cases.scene(np.zeros((100, 100)), 40.0, np.zeros((100, 100)), number_of(100, 2))
-    fine = psm_cases.radar(resolution_m=40.0, altitude_m=20e3, peak_power_w=1e5)
-    wide = prm_cases.radiometer(channels=("H", "V"), resolution_m=400.0, altitude_m=20e3, scan_period_s=8.0)
-    key = {"seed": 1, "run_id": 1}
-    images = [
-        simulate_radar(ground, fine, psm_cases.Table((-10.0,)), **key),
-        simulate_radiometer(ground, wide, prm_cases.Table((0.9,)), visit=Visit(member=1), **key),
-    ]
-    assert [pixels_of(some, ground, **key).side_m for some in (images[:1], images)] == [250.0, 800.0]
+def test_wide_footprints_that_tell_nothing_gain_nothing():
+    """Where a footprint was wider than a tile, its noise told the half that it tests where the other had found what."""
+    made, gain = prm_cases.Table((0.9, 0.9)), []
+    for run in range(32):
+        which = np.random.default_rng(run).permutation(np.arange(100) % 2).reshape(10, 10)
+        ground = psm_cases.scene(np.zeros((100, 100)), 40.0, np.kron(which, np.ones((10, 10), int)), number_of(100, 2))
+        fine = psm_cases.radar(resolution_m=40.0, altitude_m=20e3, peak_power_w=1e5)
+        wide = {"channels": ("H", "V"), "resolution_m": 400.0, "altitude_m": 20e3, "scan_period_s": 8.0}
+        blind = prm_cases.radiometer(**wide, noise_temperature_k=1e5)
+        key = {"seed": 1, "run_id": run}
+        images = [
+            simulate_radar(ground, fine, psm_cases.Table((-10.0, -10.0)), **key),
+            simulate_radiometer(ground, blind, made, visit=Visit(member=1), **key),
+        ]
+        assert [pixels_of(some, ground, **key).side_m for some in (images[:1], images)] == [250.0, 800.0]
+        asked = Asked("class_mean_correct", by="field")
+        gain.append(np.subtract(*(score_cover(some, ground, asked, **key).value for some in (images, images[:1]))))
+    assert abs(np.mean(gain)) < 2.5 * np.std(gain) / np.sqrt(31.0) < 2.0
 
 
 def test_what_a_radiometer_meets_tomorrow_is_nearly_what_it_met_today():
@@ -171,6 +180,38 @@ def test_a_radiometer_that_looks_again_within_the_hour_meets_the_same_fields() -
         assert np.corrcoef(first, later)[0, 1] < 0.9
 
 
+def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
+    """Moments, shrinking and law written out by numpy and scipy."""
+    images = dates(3)
+    found = pixels_of(images[:1], SCENE, seed=2, run_id=1)
+    counts, tile, keys = found.counts, found.tile, found.keys
+    x = np.vstack([decibels(i.apparent_sigma0().reshape(2, -1), counts) for i in images]).T.astype(np.float64)
+    cells = counts.sum(axis=1)
+    seen = np.bincount(tile, cells, minlength=len(keys)) > 0
+    half = np.zeros(len(keys), dtype=int)
+    half[seen] = halves(keys[seen])
+    own, right, d = half[tile], 0, x.shape[1]
+    for tested in (0, 1):
+        teach, test = (cells > 0) & (own != tested), (cells > 0) & (own == tested)
+        moments = []
+        for k in range(len(CROPS)):
+            w = np.where(counts[teach, k] >= 0.8 * cells[teach], counts[teach, k], 0).astype(float)
+            mean = w @ x[teach] / w.sum()
+            covariance = np.cov(x[teach].T, aweights=w, bias=True)
+            moments.append((w.sum(), mean, covariance, w.sum() ** 2 / (w**2).sum()))
+        total = sum(m[0] for m in moments)
+        pooled = sum(m[0] * m[2] for m in moments) / total + 1e-6 * np.eye(d)
+        prior = 2.0 * (d + 1)
+        laws = [
+            multivariate_normal(mean, (n * covariance + prior * pooled) / (n + prior)).logpdf(x[test])
+            for _, mean, covariance, n in moments
+        ]
+        named = np.argmax(laws, axis=0)
+        right += counts[test][np.arange(test.sum()), named].sum()
+    found = percent_correct(images, SCENE, seed=2, run_id=1)
+    assert found.value == pytest.approx(100.0 * right / cells.sum(), abs=0.02)
+
+
 def test_pixels_of_another_image_are_averaged_over_cells() -> None:
     rng = np.random.default_rng(1)
     unit = rng.integers(-1, 30, (40, 50)).astype(np.int32)
@@ -192,6 +233,22 @@ def test_dates_and_bands_add_up_and_do_not_depend_on_their_order() -> None:
     assert three > one + 3.0
     assert both > max(three, score(other)) + 1.0
     assert score([*other, *dates(3)]) == pytest.approx(both, abs=0.3)
+
+
+def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:
+    passive = simulate_radiometer(
+        SCENE,
+        prm_cases.radiometer(altitude_m=2000.0, resolution_m=100.0),
+        load_emissivity_table(),
+        seed=2,
+        run_id=1,
+        visit=Visit((150.0,), 0, 1),
+    )
+    active = image(radar(), Visit((150.0,), 0, 0))
+    both = percent_correct([passive, active], SCENE, seed=2, run_id=1)
+    alone = percent_correct([active], SCENE, seed=2, run_id=1)
+    assert both.n_cells == alone.n_cells
+    assert both.value > alone.value - 2.0
 
 
 def test_a_member_alone_meets_the_same_ground_as_in_the_set() -> None:

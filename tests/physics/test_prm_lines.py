@@ -69,3 +69,18 @@ def test_a_line_is_the_mean_of_its_sweeps_with_less_noise():
         np.testing.assert_allclose(lines.nedt_k[..., k], expected, rtol=1e-12)
     assert any("3 at a time are averaged" in note for note in lines.notes)
     assert any("only the nearest is used" in note for note in sweeps.notes)
+
+
+def test_slower_flights_trade_lines_for_noise_as_the_square_root_of_time():
+    # Ground of one temperature: the noise of the image alone is seen; four times the time gives half the noise.
+    s = scene(np.zeros((200, 240)), 5.0)
+    spread = []
+    for speed in (100.0, 25.0):
+        r = radiometer(
+            resolution_m=10.0, scan_period_s=0.2, speed_m_s=speed, integration_time_ms=0.05, bandwidth_mhz=100.0
+        )
+        found = image(s, r, Table((0.9,)))
+        error = (found.brightness_k - found.mean_k).astype(np.float64)
+        assert float(error.std()) == pytest.approx(float(np.mean(found.nedt_k)), rel=5.0 / np.sqrt(2 * error.size))
+        spread.append(float(error.std()))
+    assert spread[0] / spread[1] == pytest.approx(2.0, rel=0.05)

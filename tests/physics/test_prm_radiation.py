@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from prm_cases import Table, footprint_across_m, image, isothermal_air, mapped, radiometer, scene
 
-from seqrsm.errors import SceneError
+from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.simulate.radiometer import kernels_prm
 from seqrsm.simulate.radiometer.prm import _sky_polynomial
@@ -72,6 +72,21 @@ def test_equation_3_35_term_by_term():
     e = 0.9 - np.degrees(theta) / 200.0
     expected = (1.0 - 1.0 / loss) * 260.0 + e * 310.0 / loss + (1.0 - e) * sky / loss
     np.testing.assert_allclose(found.antenna_k[0], np.broadcast_to(expected[:, None], (41, 6)), rtol=2e-6)
+
+
+def test_energy_is_split_between_emission_and_reflection():
+    s, air = scene(ROUGH), isothermal_air(0.2, 270.0, 2.7)
+    whole, none = (mapped(s, radiometer(), Table((e,)), air, 300.0)[0] for e in (1.0, 0.0))
+    part, _ = mapped(s, radiometer(), Table((0.3,)), air, 300.0)
+    np.testing.assert_allclose(part.antenna_k, 0.3 * whole.antenna_k + 0.7 * none.antenna_k, rtol=1e-12)
+
+
+def test_sky_warmer_than_the_ground_makes_reflectors_bright():
+    found, _ = mapped(scene(np.zeros((11, 8)), cover=np.arange(88).reshape(11, 8) % 2), radiometer(), Table((0.2, 0.9)),
+                      isothermal_air(0.0, 1.0, 400.0), 280.0)  # fmt: skip
+    reflector = (np.arange(88).reshape(11, 8) % 2) == 0
+    assert found.antenna_k[0][reflector].min() > found.antenna_k[0][~reflector].max()
+    np.testing.assert_allclose(found.antenna_k[0][reflector], 0.2 * 280.0 + 0.8 * 400.0)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -175,6 +190,17 @@ def test_planck_is_taken_when_rayleigh_jeans_errs_by_more_than_the_noise():
     assert any("Rayleigh-Jeans" in note for note in coarse.notes)
     # Calibrated in kelvin either way: the laws differ by the sky's share only.
     assert abs(float(fine.mean_k.mean() - coarse.mean_k.mean())) < 0.02
+
+
+def test_183_ghz_lies_outside_the_tables():
+    with pytest.raises(ConfigurationError, match="170"):
+        radiometer(frequency_ghz=183.3)
+
+
+def test_emissivity_zero_and_one():
+    s = scene(np.zeros((30, 40)))
+    assert image(s, radiometer(), Table((0.0,))).mean_k == pytest.approx(2.72548)
+    assert image(s, radiometer(), Table((1.0,))).mean_k == pytest.approx(300.0)
 
 
 def test_grazing_and_vertical_looks_stay_finite():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from psm_cases import Table, lut_of, mapped, quiet, radar, scene, small_score
+from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 from shorthands import percent_correct
 
 from seqrsm.errors import ConfigurationError, SceneError
@@ -30,6 +30,10 @@ def rough(n, m, step, seed=0):
 def binned(p, r, first=-400, n_bins=3000):
     grid = dataclasses.replace(p.grid, first=first, n_bins=n_bins)
     return echo_sums(r, grid, lut_of(lambda theta: 0.0 * theta + 0.1), np.ones((1, 1)))
+
+
+def quiet(s, r, table=None, **options):
+    return simulate_radar(s, r, table or Table((-10.0,)), seed=1, run_id=1, **options)
 
 
 @pytest.mark.parametrize(("looks", "says"), [(1.0, "1 look;"), (3.0, "3 looks;"), (None, " to ")])
@@ -131,6 +135,23 @@ def test_register_cells_points_to_the_pixel_that_holds_the_echo():
     assert (image.pixel_of_cell[cover == 255] == -1).all()
     np.testing.assert_allclose(total[row - 1 : row + 2, column].sum(), total.sum())
     assert total[row, column] >= 0.45 * total.sum()
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0])
+def test_the_radar_looks_to_the_right_of_its_heading(heading):
+    z = np.zeros((40, 60))
+    north, east = {0.0: (0, 1), 90.0: (-1, 0), 180.0: (0, -1), 270.0: (1, 0)}[heading]
+    # A wall throws its shadow away from the radar: to the east (heading 0), south, west, north.
+    z[18:22, 28:32] = 40.0
+    image = quiet(scene(z, 5.0), radar(heading_deg=heading, resolution_m=10.0))
+    rows, cols = np.nonzero(image.shadow)
+    assert image.shadow.shape == z.shape
+    away = (19.5 - rows.mean()) * north + (cols.mean() - 29.5) * east
+    across = abs((cols.mean() - 29.5) * north) + abs((rows.mean() - 19.5) * east)
+    assert away > 3.0
+    assert across < 0.01
+    up = np.rot90(image.mean_power, -image.quarter_turns, axes=(-2, -1))
+    assert up.shape[1:] == (20, 30) or abs(up.shape[1] - 20) + abs(up.shape[2] - 30) < 12
 
 
 def test_heading_equals_a_turned_scene():
@@ -282,6 +303,14 @@ def test_single_precision_differs_from_double_by_rounding_only():
     assert np.quantile(error, 0.99) <= 2e-5
     np.testing.assert_allclose(single.mean_power.sum(dtype=float), double.mean_power.sum(), rtol=1e-6)
     assert np.mean(single.pixel_of_cell != double.pixel_of_cell) < 1e-3
+
+
+def test_noise_alone_fills_a_scene_that_returns_nothing():
+    image = simulate_radar(scene(np.zeros((100, 100))), radar(resolution_m=5.0), Table((-300.0,)), seed=1, run_id=1)
+    ratio = image.intensity[0] / image.noise_power_w[:, None]
+    se = 1.0 / math.sqrt(ratio.size * image.looks.min())
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * se)
+    np.testing.assert_allclose(image.noise_equivalent_sigma0 * image.calibration_w, image.noise_power_w, rtol=1e-12)
 
 
 def test_rim_pixels_are_as_bright_as_the_inner_ones():

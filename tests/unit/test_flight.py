@@ -10,6 +10,7 @@ from seqrsm.errors import ScoresFileError
 from seqrsm.score import cells, table
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import binomial_percent, read_scores
+from seqrsm.units import unit_factor
 
 FACTORS = (
     FactorColumn("frequency", "GHz"),
@@ -148,6 +149,12 @@ def test_scores_may_be_given_with_their_unit_and_with_no_other(read, measure, un
         read(content, [measure])
     assert f"(got '{unit}')" in str(refused.value)
     assert str(refused.value).endswith(f"write the header as: {header}")
+
+
+def test_several_applications(read):
+    measures = [Measure("crops", True), Measure("ice")]
+    content = HEADER + ",application\n1,4,HH,50,crops\n1,4,HH,-7,ice\n"
+    assert [score.application for score in read(content, measures).scores] == ["crops", "ice"]
 
 
 def test_unscored_rows_of_proposed_runs_are_left_for_later(read):
@@ -303,6 +310,24 @@ def test_a_wavelength_beside_the_frequency_is_a_column_of_the_users_own(read):
     assert score.metadata == {"wavelength [cm]": "23.6"}
 
 
+def test_rows_without_a_score_wait(read):
+    file = read(HEADER + ",note\n1,4,HH,50,\n1,4,VV,,cloudy\n")
+    assert (len(file.scores), file.unscored) == (1, (3,))
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "factor"),
+    [("MHz", "GHz", 1e-3), ("Hz", "GHz", 1e-9), ("km", "m", 1e3), ("rad", "deg", 180 / math.pi), ("kW", "W", 1e3)],
+)
+def test_unit_factors(unit, wanted, factor):
+    assert unit_factor(unit, wanted) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "wanted"), [("m", "GHz"), ("furlong", "m"), ("m", "")])
+def test_units_that_do_not_fit(unit, wanted):
+    assert unit_factor(unit, wanted) is None
+
+
 def test_a_unit_in_the_header_is_that_of_every_row(read) -> None:
     """Of two applications in one file: 0.06 percent are no 0.06 m3/m3."""
     two = (Measure("crops", True), Measure("moisture", unit="m3/m3"))
@@ -311,4 +336,4 @@ def test_a_unit_in_the_header_is_that_of_every_row(read) -> None:
     with pytest.raises(ScoresFileError, match="scores of 'moisture' are in m3/m3") as caught:
         read(f"{head} [%]\n{rows}", two)
     assert [(one.line, one.field, one.value) for one in caught.value.problems] == [(3, "score", "percent")]
-    assert [one.application for one in read(f"{head}\n{rows}", two).scores] == ["crops", "moisture"]
+    assert len(read(f"{head}\n{rows}", two).scores) == 2
