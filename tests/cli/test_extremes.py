@@ -292,7 +292,7 @@ def test_a_region_that_no_run_lies_in_is_reported(tmp_path) -> None:
     edited(folder, "high = 0.64", "high = 0.6100064")
     for command in ("fit", "status", "propose"):
         told = " ".join(call(command, folder, code=2).output.split())
-        far = "range: scored runs lie more than a hundred times the width of the range of 'x0' outside it (got (0.61,"
+        far = "range: scored runs lie more than a hundred times the width of the range of 'x0' outside it (got [0.61,"
         assert line_of(folder, "[[factor]]") + far in told
 
 
