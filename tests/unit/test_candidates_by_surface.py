@@ -17,8 +17,10 @@ OPTIMISM, SD_DIFFERENCE, SD_SCORE, DRAWS = 0.5, 1.5, 4.0, 400_000
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    made = analysis(tmp_path_factory.mktemp("candidates"))
-    assert made.fitted.departure.process is None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("seqrsm.analysis.belief.PRIOR_LOG_ODDS", -100.0)
+        made = analysis(tmp_path_factory.mktemp("candidates"))
+    assert made.fitted.departure.probability == 0.0
     return made
 
 
