@@ -116,8 +116,9 @@ def centres_of_fields(scene: Scene) -> FloatArray:
 def categories_of_fields(scene: Scene) -> AnyArray:
     """Category of each field of a scene, uint8 (n_fields,): of its last cell, should they differ; 255 where none."""
     found = np.full(scene.n_fields, NO_COVER, dtype=np.uint8)
-    known = scene.cover != NO_COVER
-    found[scene.field_id[known]] = scene.cover[known]
+    for field, cover in zip(scene.field_id, scene.cover, strict=True):  # by rows: no arrays as large as the scene
+        known = cover != NO_COVER
+        found[field[known]] = cover[known]
     return found
 
 

@@ -193,7 +193,7 @@ def largest_by_command() -> float:
     code = (
         "import sys, dataclasses; sys.path[:0] = sys.argv[2:]; import bench_psm as b;"
         "from pathlib import Path; from seqrsm.scattering.sigma0 import load_sigma0_table as t;"
-        "from seqrsm.scene.scene import save_scene;"
+        "from seqrsm.scene.file import save_scene;"
         "s = dataclasses.replace(b.large_site(10000), categories=t().categories[:10]);"
         "save_scene(s, Path(sys.argv[1]) / 'scene.npz')"
     )

@@ -91,9 +91,14 @@ def pieces(scene: Scene, texture_m: float) -> tuple[Scene, IntArray]:
     rows, cols = scene.shape
     cut = voronoi_labels(rows, cols, max(round(texture_m / scene.cell_m), 1), seed=_SEED)
     width = int(cut.max()) + 1
-    found, number = np.unique(scene.field_id.astype(np.int64) * width + cut, return_inverse=True)
-    piece = number.reshape(rows, cols).astype(np.int32)
-    return replace(scene, field_id=piece), found // width
+    key = scene.field_id.astype(np.int64).ravel()
+    key *= width
+    key += cut.ravel()
+    # Runs of like cells stand for their cells: there are far fewer to sort.
+    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    found, number = np.unique(key[first], return_inverse=True)
+    piece = np.repeat(number.astype(np.int32), np.diff(first, append=key.size))
+    return replace(scene, field_id=piece.reshape(rows, cols)), found // width
 
 
 def ground_of(scene: Scene, radar: RadarConfiguration) -> Scene:
@@ -179,10 +184,10 @@ def _tops(
     for name, own in (("Trees", trees_m), ("Buildings", buildings_m)):
         if name in categories:
             height[categories.index(name)] = own
-    ground, tall = layers.elevation_m, height[layers.cover]
-    stands = tall > 0.0
-    if not stands.any():
+    ground = layers.elevation_m
+    if not height.any() or not (stands := (height > 0.0)[layers.cover]).any():
         return ground, (0.0, 0.0)
+    tall = height[layers.cover]
     one, other = np.s_[:, :-2], np.s_[:, 2:]
     edge = stands[one] != stands[other]
     rise = np.where(stands[other][edge], 1.0, -1.0) * (ground[other][edge] - ground[one][edge])
