@@ -15,6 +15,7 @@ from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
+from seqrsm.scene.terrain import strips
 from seqrsm.score import kernels_classify
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radiometer.result import RadiometerImage
@@ -153,9 +154,11 @@ def large_fields(scene: Scene, side_m: float) -> IntArray:
 
     Larger with all their ground, most of what is scored.
     """
-    cells, scored = (
-        np.bincount(field.ravel(), minlength=scene.n_fields) for field in (scene.field_id, scene.field_id[scene.scored])
-    )
+    cells, scored = np.zeros((2, scene.n_fields), dtype=np.int64)
+    for rows in strips(*scene.shape):  # numpy counts in 8 bytes a cell
+        field = scene.field_id[rows]
+        cells += np.bincount(field.ravel(), minlength=scene.n_fields)
+        scored += np.bincount(field[scene.scored[rows]], minlength=scene.n_fields)
     cover = categories_of_fields(scene)
     large = cells * scene.cell_m**2 > side_m**2
     most = 2.0 * scored > np.bincount(cover, scored)[cover]
