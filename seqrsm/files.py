@@ -29,10 +29,10 @@ def get_json(path: Path) -> Any:
         return None
 
 
-def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]], end: str = "\r\n") -> str:
-    """Header and rows as CSV, each line with this ``end``; None is an empty cell."""
+def csv_text(rows: Iterable[Iterable[object]], end: str = "\r\n") -> str:
+    """Rows, the header among them, as CSV, each line with this ``end``; None is an empty cell."""
     stream = io.StringIO(newline="")
-    csv.writer(stream, lineterminator=end).writerows([header, *rows])
+    csv.writer(stream, lineterminator=end).writerows(rows)
     return stream.getvalue()
 
 

@@ -110,7 +110,7 @@ def _with_units(header: Sequence[str], spec: CampaignSpec) -> list[str]:
 
 def _safe_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Rows as CSV in which no spreadsheet finds a formula."""
-    return csv_text(map(safe_cell, header), (map(safe_cell, row) for row in rows))
+    return csv_text(map(safe_cell, row) for row in (header, *rows))
 
 
 def safe_cell(value: object) -> object:

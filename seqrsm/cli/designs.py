@@ -132,4 +132,4 @@ def write_design(out: Path, design: Mapping[str, Any]) -> None:
             least = 1e-6 * max(map(abs, column))  # below it, the search's rounding of zero
             column = [f"{value if abs(value) >= least else 0.0:.12g}" for value in column]
         columns.append(column)
-    put(out, csv_text(design["names"], zip(*columns, strict=True)).encode("utf-8"))
+    put(out, csv_text([design["names"], *zip(*columns, strict=True)]).encode("utf-8"))

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from seqrsm.errors import ScoresFileError
+from seqrsm.files import csv_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -99,9 +100,7 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
 
 
 def _csv_of(rows: Iterable[Iterable[Any]]) -> bytes:
-    stream = io.StringIO(newline="")
-    csv.writer(stream, lineterminator="\n").writerows(map(_cell, row) for row in rows)
-    return stream.getvalue().encode("utf-8")
+    return csv_text((map(_cell, row) for row in rows), "\n").encode("utf-8")
 
 
 def _cell(value: Any) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import sqlalchemy as sa
@@ -69,9 +69,9 @@ class Ledger:
         query = sa.select(RUNS.c.id).where(*where).order_by(RUNS.c.id).limit(most)
         return tuple(self.connection.execute(query).scalars())
 
-    def records(self, kind: Callable[..., T], table: sa.Table, *where: sa.ColumnElement[bool]) -> tuple[T, ...]:
-        """Rows of a table that meet the conditions, in order, as records that have its columns."""
-        return tuple(kind(*row) for row in self.connection.execute(sa.select(table).where(*where).order_by(table.c.id)))
+    def records(self, kind: Callable[..., T], table: sa.Table, *where: sa.ColumnElement[bool]) -> Iterator[T]:
+        """Rows of a table that meet the conditions, in order and one by one, as records that have its columns."""
+        return (kind(*row) for row in self.connection.execute(sa.select(table).where(*where).order_by(table.c.id)))
 
     def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:
         """Runs that meet the condition, by id, with their scores."""

@@ -290,13 +290,13 @@ class Store:
         """Looks in order; only those of one application."""
         of_one = () if application is None else (LOOKS.c.application == application,)
         with self._read() as ledger:
-            return ledger.records(LookRecord, LOOKS, *of_one)
+            return tuple(ledger.records(LookRecord, LOOKS, *of_one))
 
     def events(self, *, kind: str | None = None) -> tuple[EventRecord, ...]:
         """Events in order; only those of one kind."""
         of_one = () if kind is None else (EVENTS.c.kind == kind,)
         with self._read() as ledger:
-            return ledger.records(EventRecord, EVENTS, *of_one)
+            return tuple(ledger.records(EventRecord, EVENTS, *of_one))
 
     def n_used(self) -> int:
         """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
@@ -324,7 +324,7 @@ class Store:
         """See that runs, scores and events are what was written; StoreError tells what was changed by others."""
         with self._read() as ledger:
             self._known = ledger.last_event(), ledger.runs(sa.true())
-            looks, events = ledger.records(LookRecord, LOOKS), ledger.records(EventRecord, EVENTS)
+            looks, events = tuple(ledger.records(LookRecord, LOOKS)), ledger.records(EventRecord, EVENTS)
             found = list(changes(self._known[1], looks, events))
         if found:
             remedy = "Restore the database from a copy."

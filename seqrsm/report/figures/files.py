@@ -117,7 +117,7 @@ def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"], fonts: Any) 
 
 
 def _csv_text(data: PanelData) -> str:
-    return csv_text(data.columns, (map(_cell, row) for row in data.rows), "\n")
+    return csv_text([data.columns, *(map(_cell, row) for row in data.rows)], "\n")
 
 
 def _cell(value: float | str) -> str:
