@@ -24,18 +24,26 @@ ROUNDS = int(os.environ.get("ROUNDS", "2"))
 
 CODE = """
 import json, sys, time
-sys.path[:0] = [{root!r} + "/tests" + own for own in ("/benchmarks", "/physics", "")]
+sys.path[:0] = [{code!r} + "/tests" + own for own in ("/benchmarks", "/physics", "")]
 import numpy as np
 from psm_cases import Table, radar, scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.score.cover import score_cover
-from seqrsm.score.utilities import Asked
 from seqrsm.sensor import radar as radars, radiometer as radiometers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
-PERCENT = Asked("percent_correct")
+try:  # as it was before dates
+    from seqrsm.score.utilities import of_images
+
+    def score_of(image, scene, engine="psm"):
+        return of_images(engine)["percent_correct"](image, scene, **key)
+except ImportError:
+    from seqrsm.score.cover import score_cover
+    from seqrsm.score.utilities import Asked
+
+    def score_of(image, scene, engine="psm"):
+        return score_cover([image], scene, Asked("percent_correct"), **key)
 
 def best(n, call):
     call()
@@ -64,15 +72,15 @@ for name, n, rough, count in (("flat 250", 250, 0.0, 60), ("flat 2000", 2000, 0.
     s, r = drawn(n, rough), sensor(n)
     image = lambda: simulate_radar(s, r, table, **key)
     made = image()
-    score_cover([made], s, PERCENT, **key)
+    score_of(made, s)
     share = 1e9 / n / n
     out[name + ", image [ns a cell]"] = share * best(count, image)
-    out[name + ", whole run [ns a cell]"] = share * best(count, lambda: score_cover([image()], s, PERCENT, **key))
+    out[name + ", whole run [ns a cell]"] = share * best(count, lambda: score_of(image(), s))
     def registered():
         new = image()
         new.pixel_of_cell
     out[name + ", image and registration [ns a cell]"] = share * best(count, registered)
-campaigns = {root!r} + "/campaigns/"
+campaigns = {code!r} + "/campaigns/"  # its own: the cover classes have other names since
 s, t = load_scene(__import__("pathlib").Path(campaigns + "langegracht-radar/scene.npz")), load_sigma0_table()
 fixed = dict(bandwidth=50.0, peak_power=30.0, altitude_m=6000.0)
 for resolution in (6.0, 14.0):
@@ -80,14 +88,12 @@ for resolution in (6.0, 14.0):
     r = radars.from_settings(settings, fixed)
     name = f"Langegracht, {{resolution:g}} m, three channels"
     out[name + ", image [ms]"] = 1e3 * best(10, lambda: simulate_radar(s, r, t, **key))
-    out[name + ", whole run [ms]"] = 1e3 * best(
-    10, lambda: score_cover([simulate_radar(s, r, t, **key)], s, PERCENT, **key))
+    out[name + ", whole run [ms]"] = 1e3 * best(10, lambda: score_of(simulate_radar(s, r, t, **key), s))
 s, t = load_scene(__import__("pathlib").Path(campaigns + "wake-radiometer/scene.npz")), load_emissivity_table()
 fixed = dict(bandwidth=100.0, noise_temperature=500.0, scan_period=2.5, altitude_m=6000.0, speed_m_s=80.0)
 r = radiometers.from_settings(dict(frequency=20.0, polarization="H+V", resolution=80.0, integration_time=8.0), fixed)
 out["Wake County, image [ms]"] = 1e3 * best(10, lambda: simulate_radiometer(s, r, t, **key))
-out["Wake County, whole run [ms]"] = 1e3 * best(
-    10, lambda: score_cover([simulate_radiometer(s, r, t, **key)], s, PERCENT, **key))
+out["Wake County, whole run [ms]"] = 1e3 * best(10, lambda: score_of(simulate_radiometer(s, r, t, **key), s, "prm"))
 print(json.dumps(out))
 """
 
@@ -100,7 +106,7 @@ def environment(code: Path, cache: str = "") -> dict[str, str]:
 
 def runs(code: Path) -> dict[str, float]:
     """Rows of single runs."""
-    text = CODE.format(root=str(ROOT))
+    text = CODE.format(code=str(code))
     with TemporaryDirectory() as folder:  # python -c looks for modules here first
         done = subprocess.run(
             [sys.executable, "-c", text], env=environment(code), capture_output=True, text=True, cwd=folder, check=False
@@ -127,12 +133,12 @@ def command(code: Path, folder: Path, *words: str, cache: str = "") -> tuple[flo
 
 
 def commands(code: Path, *, cold: bool) -> dict[str, float]:
-    """Rows of whole commands on the first example."""
+    """Rows of whole commands on the first example, as the tree itself has it."""
     out = {}
     with TemporaryDirectory() as parent:
         folder = Path(parent)
         for name in ("one", "two", "first"):
-            shutil.copytree(ROOT / "campaigns" / "langegracht-radar", folder / name)
+            shutil.copytree(code / "campaigns" / "langegracht-radar", folder / name)
         cpu, wall, _ = command(code, folder, "run", "one")
         out["run langegracht-radar, one process [s CPU]"] = cpu
         out["run langegracht-radar, one process [s wall]"] = wall
