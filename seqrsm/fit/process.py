@@ -406,6 +406,8 @@ class Process:
         apart = np.sum(levels[:, None] != levels[None, :], axis=-1)
         factor = np.linalg.cholesky(h.between**apart + _JITTER * np.eye(len(levels)))
         heights = factor @ rng.standard_normal((len(levels), _FEATURES)) * h.process * np.sqrt(2.0 / _FEATURES)
+        # A cosine of 32 bits takes a thirtieth of the time, and so many waves are off by 3 % anyway.
+        narrow = [part.astype(np.float32) for part in (waves.T, phases, heights)]
         slopes, middle = rng.standard_normal(len(self._columns)), np.sqrt(_VAGUE) * rng.standard_normal()
         differs = h.difference * rng.standard_normal(self._difference.shape[1])
 
@@ -413,10 +415,10 @@ class Process:
             which = np.argmin(np.sum(at.levels[:, None] != levels[None], axis=-1), axis=1)
             found = np.empty(len(which))
             for some in _in_cache(len(which), _FEATURES):
-                waved = at.scaled[0, some] @ waves.T
-                waved += phases
+                waved = at.scaled[0, some].astype(np.float32) @ narrow[0]
+                waved += narrow[1]
                 waved = np.cos(waved, out=waved)
-                waved *= heights[which[some]]
+                waved *= narrow[2][which[some]]
                 found[some] = waved.sum(axis=1)
             return np.asarray(found + at.rows[0] @ slopes + middle + at.difference @ differs)
 
