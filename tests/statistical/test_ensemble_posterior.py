@@ -205,7 +205,11 @@ def test_not_converged_says_how_far_it_came() -> None:
 
 
 def test_a_chain_that_would_need_too_many_steps_ends_at_the_first_look_that_says_so() -> None:
-    """Nearly as many terms as scores, which contradict a bound: 50 000 steps took half a minute, and were too few."""
+    """Nearly as many terms as scores, which contradict a bound: 50 000 steps took half a minute, and were too few.
+
+    The time is some 400 to 1,000 steps, of which the rule asks for 50: many times what is allowed here, so that it
+    shows in the first looks whatever the processor makes of the chain.
+    """
     rng = np.random.default_rng(1)
     X = rng.uniform(-1.0, 1.0, (12, 3))
     products = [X[:, i] * X[:, j] for i in range(3) for j in range(i, 3)]
@@ -213,9 +217,9 @@ def test_a_chain_that_would_need_too_many_steps_ends_at_the_first_look_that_says
     y = Z[:, 1] + 1e-4 * rng.normal(size=12)
     bounds = LinearBounds(np.eye(10)[[1]], np.array([-np.inf]), np.array([0.0]))
     with pytest.raises(ConvergenceError) as told:
-        sample_posterior(Z, y, np.ones(12), bounds=bounds, seed=1, max_steps=20_000)
-    steps = int(re.search(r"after (\d+) of at most 20000 steps", str(told.value))[1])
-    assert steps <= 6000
+        sample_posterior(Z, y, np.ones(12), bounds=bounds, seed=1, max_steps=5_000)
+    steps = int(re.search(r"after (\d+) of at most 5000 steps", str(told.value))[1])
+    assert steps <= 1800
 
 
 def test_many_coefficients_leave_room_for_the_steps_that_the_rule_asks_for(monkeypatch) -> None:
