@@ -12,7 +12,7 @@ from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain, shallow
 from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
-from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
+from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord, typed
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, TRANSITIONS
 
 T = TypeVar("T")
@@ -70,8 +70,12 @@ class Ledger:
         return tuple(self.connection.execute(query).scalars())
 
     def records(self, kind: Callable[..., T], table: sa.Table, *where: sa.ColumnElement[bool]) -> Iterator[T]:
-        """Rows of a table that meet the conditions, in order and one by one, as records that have its columns."""
-        return (kind(*row) for row in self.connection.execute(sa.select(table).where(*where).order_by(table.c.id)))
+        """Rows of a table that meet the conditions, in order and one by one, as records that have its columns.
+
+        A record that has one field less than the table has columns does without the row's number.
+        """
+        columns = list(table.c)[-len(typed(kind)) :]
+        return (kind(*row) for row in self.connection.execute(sa.select(*columns).where(*where).order_by(table.c.id)))
 
     def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:
         """Runs that meet the condition, by id, with their scores."""

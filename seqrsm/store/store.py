@@ -42,8 +42,8 @@ from seqrsm.store.records import (
     RankingSummary,
     RunRecord,
 )
-from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.store.take_in import ingest_files, ranking_summary, rescore_without, stored_rankings, void_ranking
+from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RANKINGS, RUNS, STATES
+from seqrsm.store.take_in import ingest_files, ranking_summary, rescore_without, void_ranking
 
 STORE_NAME = "campaign.db"
 LEASE_S = 900.0
@@ -306,18 +306,17 @@ class Store:
     def files(self) -> tuple[FileRecord, ...]:
         """Files taken in, in order."""
         with self._read() as ledger:
-            rows = ledger.connection.execute(sa.select(FILES).order_by(FILES.c.id))
-            return tuple(FileRecord(row.name, row.sha256, row.row_count, row.ingested_at) for row in rows)
+            return tuple(ledger.records(FileRecord, FILES))
 
     def rankings(self) -> tuple[RankingRecord, ...]:
         """Every rank that an interpreter gave, in order, those that do not count included."""
         with self._read() as ledger:
-            return stored_rankings(ledger)
+            return tuple(ledger.records(RankingRecord, RANKINGS))
 
     def ranking_summaries(self) -> tuple[RankingSummary, ...]:
         """What the rankings of each ranked application say."""
         with self._read() as ledger:
-            names = dict.fromkeys(row.application for row in stored_rankings(ledger) if not row.reason)
+            names = dict.fromkeys(row.application for row in ledger.records(RankingRecord, RANKINGS) if not row.reason)
             return tuple(ranking_summary(ledger, name) for name in names)
 
     def verify(self) -> None:

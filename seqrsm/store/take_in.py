@@ -50,11 +50,10 @@ def ingest_files(ledger: Ledger, files: Sequence[IngestedFile]) -> tuple[IngestO
 
 
 def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> IngestOutcome:
-    same = ledger.connection.execute(sa.select(FILES).where(FILES.c.sha256 == file.sha256)).first()
+    already = next(ledger.records(FileRecord, FILES, FILES.c.sha256 == file.sha256), None)
     query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
     heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
     void = {run.run_id for run in ledger.runs(RUNS.c.state == "void")} - heirs.keys()
-    already = None if same is None else FileRecord(same.name, same.sha256, same.row_count, same.ingested_at)
     # The same content may bring back what was made void since.
     if already is not None and not (void and any(run.run_id is None or run.run_id in void for run in file.runs)):
         return IngestOutcome(already=already)
@@ -239,22 +238,13 @@ def _refuse_ranked(ranked: set[str], run: IngestedRun, name: str, problems: list
             problems.append(Problem(message, remedy, file=name, line=score.source_row, field="score"))
 
 
-_FIELDS = tuple(column for column in RANKINGS.c if column.name != "id")
-
-
-def stored_rankings(ledger: Ledger) -> tuple[RankingRecord, ...]:
-    """Every rank in the order of the files."""
-    rows = ledger.connection.execute(sa.select(*_FIELDS).order_by(RANKINGS.c.id))
-    return tuple(RankingRecord(*row) for row in rows)
-
-
 def add_rankings(
     ledger: Ledger, file: IngestedFile, problems: list[Problem]
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Keep the rankings of a file that are not there yet; their numbers, and the runs that had no score before."""
     if not file.rankings:
         return (), ()
-    stored = stored_rankings(ledger)
+    stored = tuple(ledger.records(RankingRecord, RANKINGS))
     known = {_identity(rows) for rows in _by_number(stored).values()}
     number = max((row.ranking for row in stored), default=0)
     numbers: list[int] = []
@@ -311,9 +301,30 @@ def rescore_without(ledger: Ledger, run_id: int) -> None:
 
 
 def score_rankings(ledger: Ledger, application: str) -> RankingSummary:
-    """Scores of an application's runs from all rankings that count, into the store."""
+    """Make the scores of an application's runs those of all rankings that count: insert, overwrite and take back."""
     summary = ranking_summary(ledger, application)
-    _write_scores(ledger, application, summary)
+    query = sa.select(SCORES.c.run_id, SCORES.c.score, SCORES.c.se).join(RUNS, RUNS.c.id == SCORES.c.run_id)
+    query = query.where(SCORES.c.application == application, RUNS.c.state != "void")
+    present = {row.run_id: (row.score, row.se) for row in ledger.connection.execute(query)}
+    now, changed = utc_now(), 0
+    for run_id, (score, se) in summary.scores.items():
+        metadata = {"derived": DERIVED, "unit": "logit", "rankings": summary.rankings}
+        if run_id not in present:
+            ledger.add_scores(run_id, [NewScore(application, score, se, metadata=metadata)], {})
+        elif present[run_id] != (score, se):
+            where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
+            values = {"score": score, "se": se, "metadata": metadata, "scored_at": now}
+            ledger.connection.execute(sa.update(SCORES).where(*where).values(**values))
+            changed += 1
+    for run_id in present.keys() - summary.scores.keys():
+        where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
+        ledger.connection.execute(sa.delete(SCORES).where(*where))
+        if ledger.connection.execute(sa.select(SCORES.c.id).where(SCORES.c.run_id == run_id)).first() is None:
+            ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(state="issued", ended_at=None))
+        why = "no ranking joins it with the others" if run_id in summary.apart else "no ranking of it is left"
+        ledger.log("unscored", [(run_id, {"application": application, "reason": why})])
+    detail = {"application": application, "rankings": summary.rankings, "runs": len(summary.scores), "changed": changed}
+    ledger.log("rankings scored", [(None, detail)])
     return summary
 
 
@@ -323,7 +334,8 @@ def ranking_summary(ledger: Ledger, application: str) -> RankingSummary:
     Runs that no chain of rankings joins with the largest group of runs get no score: rankings say nothing of how
     they compare.
     """
-    rows = [row for row in stored_rankings(ledger) if row.application == application and not row.reason]
+    where = (RANKINGS.c.application == application, RANKINGS.c.reason == "")
+    rows = list(ledger.records(RankingRecord, RANKINGS, *where))
     ranked = {run.run_id: run for run in ledger.runs(RUNS.c.id.in_({row.run_id for row in rows}))}
     rows = [row for row in rows if ranked[row.run_id].state != "void"]
     rankings = {number: group for number, group in _by_number(rows).items() if len(group) > 1}
@@ -364,32 +376,6 @@ def _fit(name: str, runs: Sequence[RunRecord], names: Sequence[str], orders: Seq
         effects.append(InterpreterEffect(names[j], count, sharpness, sharpness / factor, sharpness * factor, agreement))
     apart = tuple(run.run_id for i, run in enumerate(runs) if i not in place)
     return RankingSummary(name, len(inside), scores, fit.scale_se, apart, tuple(effects))
-
-
-def _write_scores(ledger: Ledger, application: str, summary: RankingSummary) -> None:
-    """Insert, overwrite and take back scores so that they are those of the summary."""
-    query = sa.select(SCORES.c.run_id, SCORES.c.score, SCORES.c.se).join(RUNS, RUNS.c.id == SCORES.c.run_id)
-    query = query.where(SCORES.c.application == application, RUNS.c.state != "void")
-    present = {row.run_id: (row.score, row.se) for row in ledger.connection.execute(query)}
-    now, changed = utc_now(), 0
-    for run_id, (score, se) in summary.scores.items():
-        metadata = {"derived": DERIVED, "unit": "logit", "rankings": summary.rankings}
-        if run_id not in present:
-            ledger.add_scores(run_id, [NewScore(application, score, se, metadata=metadata)], {})
-        elif present[run_id] != (score, se):
-            where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
-            values = {"score": score, "se": se, "metadata": metadata, "scored_at": now}
-            ledger.connection.execute(sa.update(SCORES).where(*where).values(**values))
-            changed += 1
-    for run_id in present.keys() - summary.scores.keys():
-        where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
-        ledger.connection.execute(sa.delete(SCORES).where(*where))
-        if ledger.connection.execute(sa.select(SCORES.c.id).where(SCORES.c.run_id == run_id)).first() is None:
-            ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(state="issued", ended_at=None))
-        why = "no ranking joins it with the others" if run_id in summary.apart else "no ranking of it is left"
-        ledger.log("unscored", [(run_id, {"application": application, "reason": why})])
-    detail = {"application": application, "rankings": summary.rankings, "runs": len(summary.scores), "changed": changed}
-    ledger.log("rankings scored", [(None, detail)])
 
 
 def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problems: list[Problem]) -> dict[int, str]:
