@@ -1,4 +1,4 @@
 from seqrsm.cli.notebook import Campaign as Campaign
-from seqrsm.cli.notebook import Fit as Fit
+from seqrsm.cli.results import Fit as Fit
 
 __version__: str

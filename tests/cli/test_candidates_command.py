@@ -18,7 +18,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import FILE, candidates_of
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
-from seqrsm.cli.notebook import Candidates
+from seqrsm.cli.results import Candidates
 from seqrsm.report.content import build_report
 from seqrsm.spec.read import load_spec
 

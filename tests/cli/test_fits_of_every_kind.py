@@ -19,7 +19,8 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_sections
 from seqrsm.report.sections.model import _block_text, _statistics_table
-from seqrsm.report.sections.optimum import optimum_section, shape_section
+from seqrsm.report.sections.optimum import optimum_section
+from seqrsm.report.sections.shape import shape_section
 from seqrsm.report.sections.summary import _key_figures
 from seqrsm.spec.tables import StopSpec
 

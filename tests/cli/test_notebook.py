@@ -28,7 +28,7 @@ import seqrsm
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.cli.console import line
-from seqrsm.cli.notebook import Shown
+from seqrsm.cli.results import Shown
 from seqrsm.errors import SpecError, UserError
 from seqrsm.plain import plain
 

@@ -23,7 +23,7 @@ HOMES = {
     "pydantic": ("spec/",),
     "emcee": ("fit/ensemble",),
     "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels"),
-    "pandas": ("score/table.py", "cli/notebook.py"),
+    "pandas": ("score/table.py", "cli/notebook.py", "cli/results.py"),
     "distributed": ("simulate/runner.py",),
     "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),
 }

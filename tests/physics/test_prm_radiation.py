@@ -10,7 +10,7 @@ from prm_cases import Table, footprint_across_m, image, isothermal_air, mapped, 
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
-from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer import kernels_prm, kernels_scan
 from seqrsm.simulate.radiometer.prm import _sky_polynomial
 
 ROUGH = np.random.default_rng(4).normal(0.0, 1.0, (41, 30)).cumsum(axis=0)
@@ -141,7 +141,7 @@ def test_what_is_seen_fills_the_view_whatever_the_relief():
     found, frame = mapped(scene(z), radiometer(altitude_m=1500.0), Table((0.8,)), isothermal_air(0.0, 1.0, 3.0), 300.0)
     total = np.zeros_like(found.antenna_k)
     weight = np.zeros(frame.elevation_m.shape)
-    kernels_prm.bin_angle(found.antenna_k, found.offset, found.state, total, weight)
+    kernels_scan.bin_angle(found.antenna_k, found.offset, found.state, total, weight)
     inside = weight[20:-20]
     assert (found.state != 0).sum() == 0 or inside.min() > 0.4
     np.testing.assert_allclose(np.median(inside), 1.0, atol=1e-9)

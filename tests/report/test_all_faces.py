@@ -65,7 +65,7 @@ from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.data import interpreter_table
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import term_test_table
-from seqrsm.report.sections.optimum import shape_section
+from seqrsm.report.sections.shape import shape_section
 from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
 from seqrsm.report.wording import half_width_text

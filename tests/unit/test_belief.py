@@ -29,7 +29,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.process import MOST_SETTINGS, Process
 from seqrsm.report.blocks import Paragraph
-from seqrsm.report.sections.optimum import _departure, _place
+from seqrsm.report.sections.shape import _departure, _place
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewRun, NewScore
 

@@ -10,7 +10,7 @@ from scored_campaigns import analysed, campaign, numeric, specification
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Details, Equation, Table
 from seqrsm.report.sections.model import importance_section, model_section
-from seqrsm.report.sections.optimum import shape_section
+from seqrsm.report.sections.shape import shape_section
 
 POINTS = np.round(spread(40, 2), 3)
 NOISE = np.random.default_rng(9).standard_t(4.0, 40)

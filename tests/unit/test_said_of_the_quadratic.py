@@ -14,7 +14,7 @@ from seqrsm.campaign.dossier import _measured_assumptions
 from seqrsm.fit.error_models import NORMAL
 from seqrsm.report.blocks import Table
 from seqrsm.report.sections.model import model_section
-from seqrsm.report.sections.optimum import shape_section
+from seqrsm.report.sections.shape import shape_section
 from seqrsm.spec.tables import SimulatorSpec
 
 

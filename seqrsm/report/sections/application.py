@@ -8,7 +8,8 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Section
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
-from seqrsm.report.sections.optimum import optimum_section, shape_section
+from seqrsm.report.sections.optimum import optimum_section
+from seqrsm.report.sections.shape import shape_section
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import LookRecord
 

@@ -27,7 +27,7 @@ from seqrsm.scene.layers import known_heights
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
-from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer import kernels_prm, kernels_scan
 from seqrsm.simulate.radiometer.frame import (
     RadiometerFrame,
     make_radiometer_frame,
@@ -268,7 +268,7 @@ def scan_image(
     n_channels, n, m = antenna_k.shape
     total = np.zeros_like(antenna_k)
     weight = np.zeros((n, m), dtype=total.dtype)
-    kernels_prm.bin_angle(antenna_k, offset, state, total, weight)
+    kernels_scan.bin_angle(antenna_k, offset, state, total, weight)
     look = np.arctan2(frame.across_m, scan.from_m)
     edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, scan.from_m)
     part = np.clip(0.5 + 0.5 * look / scan.half_angle_rad, 0.0, 1.0)
@@ -276,11 +276,11 @@ def scan_image(
     rows = np.empty((n_channels, n, scan.n_sweeps))
     seen = np.empty((n, scan.n_sweeps))
     per_width = float(BEAM_STEPS_A_WIDTH)
-    kernels_prm.average_along(
+    kernels_scan.average_along(
         total, weight, part, width, scan.sweep_advance_m, frame.cell_m, scan.along, per_width, rows, seen
     )
     mean = np.empty((n_channels, len(scan.look_rad), scan.n_sweeps))
-    kernels_prm.average_across(rows, seen, edge, scan.place_rad, scan.beamwidth_rad, scan.across, per_width, mean)
+    kernels_scan.average_across(rows, seen, edge, scan.place_rad, scan.beamwidth_rad, scan.across, per_width, mean)
     if met.planck_k > 0.0:
         mean = met.planck_k / np.log1p(met.planck_k / mean)
     mean, nedt = _lines(mean, radiometer.nedt_k(mean), scan)
@@ -288,7 +288,7 @@ def scan_image(
     if nedt.any():
         brightness = np.empty_like(mean)
         numbers = np.array([CHANNELS.index(channel) for channel in radiometer.channels])
-        kernels_prm.add_receiver_noise(mean, nedt, numbers, *noise, brightness)
+        kernels_scan.add_receiver_noise(mean, nedt, numbers, *noise, brightness)
     footprint = np.empty((n, m), dtype=np.int32)
     coverage = np.empty((n, m), dtype=np.int32)
     # The beam moves across the rows of a sweep, along those of a conical scan.
@@ -298,7 +298,7 @@ def scan_image(
     sampled = (len(scan.look_rad), held_m, scan.sweep_advance_m, scan.n_sweeps)
     end_rad = edge[-1] if radiometer.conical else scan.half_angle_rad  # a cone's footprints are spread over the scene
     farthest = max(scan.place_rad[0] + (len(scan.look_rad) - 1.0) * scan.step_rad, end_rad) + 0.5 * held_rad
-    kernels_prm.register_cells(
+    kernels_scan.register_cells(
         offset,
         state,
         np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines, farthest], dtype=np.float64),
