@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from scipy.special import gamma, kv
 
 from seqrsm.fit import ensemble
-from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.target import build_target
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
@@ -79,5 +78,5 @@ def sample_posterior(
     Z: np.ndarray, y: np.ndarray, w: Any = 1.0, *, errors: Any = None, prior: Any = None, bounds: Any = None, seed: int
 ) -> ensemble.Sampled:
     """Draws of the ensemble sampler; without more said of normal errors of one variance, under a flat prior."""
-    target = build_target(Z, y, np.broadcast_to(w, len(y)), errors, Flat() if prior is None else prior, bounds)
+    target = build_target(Z, y, np.broadcast_to(w, len(y)), errors, prior, bounds)
     return ensemble.sample(target, seed)

@@ -60,10 +60,15 @@ class Departure:
     """None where it was not weighed, for ``reason``."""
     log_bayes_factor: float
     """Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed."""
-    probability: float
-    """Of the process given the scores; 0 where it is below 0.01, or was not weighed; 1 where it is believed alone."""
+    by_scores: float
+    """Probability of the process given the scores; 0 where it is below 0.01, or was not weighed."""
     reason: str = ""
     """Why it was not weighed, or is believed alone."""
+
+    @property
+    def probability(self) -> float:
+        """With which the process is believed: 1 where it is believed alone, else that by the scores."""
+        return 1.0 if self.process is not None and self.reason else self.by_scores
 
     @property
     def believed(self) -> Process | None:
@@ -72,9 +77,8 @@ class Departure:
 
     @property
     def favoured(self) -> bool:
-        """The scores favour it over the quadratic."""
-        by_scores = self.log_bayes_factor + PRIOR_LOG_ODDS > 0.0 if self.reason == FAR else not self.reason
-        return bool(self.probability > 0.5 and by_scores)
+        """The scores favour it over the quadratic, of which they leave enough degrees of freedom."""
+        return self.by_scores > 0.5 and self.reason in ("", FAR)
 
     def sd_of_run(self, s: float, errors: ErrorModel, weight: float = 1.0) -> float:
         """Standard deviation of a run of a weight, of scale ``s`` about the quadratic, which holds what that misses."""
@@ -112,10 +116,8 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
     process = recalled(lambda: Process(*given, generator(seed, n, "process"), *beside), (given, seed, beside))
     if surface.df_residual < _LEAST_DF:
         reason = f"least squares of {counted(n, 'score')} leave fewer than {_LEAST_DF} degrees of freedom"
-        return Departure(process, process.log_bayes_factor, 1.0, reason)
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
-    probability = 0.0 if probability < _CERTAIN else float(probability)
-    return Departure(process, process.log_bayes_factor, probability)
+    return Departure(process, process.log_bayes_factor, 0.0 if probability < _CERTAIN else float(probability), reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +168,7 @@ class Fitted:
         departure, at = self.departure, self.surface.rows(of_quadratic.point[None, :])
         if departure.process is None or departure.reason or self.surface.variance_unscaled(at)[0] <= _FAR:
             return self
-        return replace(self, departure=replace(departure, probability=1.0, reason=FAR))
+        return replace(self, departure=replace(departure, reason=FAR))
 
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from seqrsm.analysis.runs import NO_BLOCK, block_labels, evidence, former_factor
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.steps import steps_of
 from seqrsm.analysis.study import block_study
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.arrays import FloatArray
 from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import LACK_OF_FIT_ALPHA, MODEL_ALPHA, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
@@ -200,26 +201,17 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws, t
 
 def _possible(estimate: OptimumEstimate, low: float, high: float) -> OptimumEstimate:
     """No score that there cannot be is promised; what the rule watches is not shortened by that."""
-    return replace(
-        estimate,
-        mean=min(max(estimate.mean, low), high),
-        confidence=estimate.confidence.within(low, high),
-        prediction=estimate.prediction.within(low, high),
-        prediction_mean=estimate.prediction_mean.within(low, high),
-        whole=estimate.whole.within(low, high),
-        by_chance=estimate.by_chance.within(low, high),
-    )
+    kinds = ("confidence", "prediction", "prediction_mean", "whole", "by_chance")
+    cut: dict[str, Any] = {kind: getattr(estimate, kind).within(low, high) for kind in kinds}
+    return replace(estimate, mean=min(max(estimate.mean, low), high), **cut)
 
 
 def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -> list[FactorImportance]:
     """Partial F of all terms of each factor (RSL TR 380-1 eq. 2-14) and variance shares, the most important first."""
     rows = []
-    alone, in_all = variance_shares(model, beta)
-    for j, factor in enumerate(model.factors):
-        indices: IntArray = model.factor_terms(factor.name)
-        both = float(alone[j]), float(in_all[j])
-        test = fit.partial_f(indices)
-        rows.append(FactorImportance(factor.name, test.df, test.f, test.p, *both))
+    for factor, alone, in_all in zip(model.factors, *variance_shares(model, beta), strict=True):
+        test = fit.partial_f(model.factor_terms(factor.name))
+        rows.append(FactorImportance(factor.name, test.df, test.f, test.p, float(alone), float(in_all)))
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
 
 

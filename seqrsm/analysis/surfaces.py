@@ -30,8 +30,8 @@ from seqrsm.decide.sources import (
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
-from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
-from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
+from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further, within
+from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough
 from seqrsm.fit.intervals import Prediction, known
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.process import Blocks, Sources
@@ -120,7 +120,7 @@ class Surface:
         By the errors; without a stated prior a flat one where runs can carry it: credible and t intervals agree.
         """
         p, fit = self.model.p, self.fit
-        prior: Prior = Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
+        prior = None if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
         if stated is not None:
             prior = with_further(stated, p, np.zeros(fit.n_terms - p))
         weights = self.errors.sampled_weights(fit.weights, self.scale.weights)

@@ -23,7 +23,7 @@ from scipy.special import stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, crossing, posterior, with_further
+from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, crossing, posterior, with_further
 from seqrsm.fit.intervals import Interval, Prediction, t_quantile
 from seqrsm.fit.least_squares import block_columns
 
@@ -267,7 +267,7 @@ def source_prior(
     one simulated run, score units, > 0.
     """
     of_discrepancy = (sigma / discrepancy_sd(model, prior_sd)) ** 2
-    return with_further(Flat() if base is None else base, model.p, np.append(of_discrepancy, np.zeros(n_extra)))
+    return with_further(base, model.p, np.append(of_discrepancy, np.zeros(n_extra)))
 
 
 def fit_sources(

@@ -125,7 +125,7 @@ def stationary_point(
     form = canonical_form(surface)
     point = _full_point(region, form.point, levels)
     exact = _full_point(region, form.exact_point, levels)
-    inside, exact_inside = (bool(np.all(np.isfinite(at)) and _inside(region, at)) for at in (point, exact))
+    inside, exact_inside = (_inside(region, at) for at in (point, exact))
 
     def errors(at: FloatArray, flat: BoolArray) -> FloatArray:
         nothing = np.full(len(levels), np.nan)
@@ -188,7 +188,7 @@ def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...] | F
 
 
 def _inside(region: Region, point: FloatArray) -> bool:
-    # Bounds and constraints only; a point computed to lie on a bound may miss it by rounding.
+    # Bounds and constraints only; a point computed to lie on a bound may miss it by rounding, and nan lies nowhere.
     inside = bool(np.all(np.abs(point[list(region.numeric)]) <= 1.0 + 1e-9))
     return inside and bool(region.slack(point[None, :])[0] >= -1e-9)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
@@ -29,7 +29,7 @@ from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
 from seqrsm.fit.intervals import Interval
 
-MOST = 60  # times the draws wanted, before rejection gives up
+_MOST = 60  # times the draws wanted, before rejection gives up
 _MOST_SECANTS = 100
 _SWEEPS = 50
 _FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in standard deviations
@@ -70,14 +70,16 @@ class LinearBounds:
         return np.asarray(u + back.T)
 
 
-def bounded_draws(
-    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int, most: int = MOST
-) -> tuple[tuple[FloatArray, ...], float]:
-    """Draws that hold the bounds, and the share of all draws that do: the probability without bounds.
+def within(
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n: int, most: int = _MOST
+) -> tuple[tuple[FloatArray, ...], float | None]:
+    """Draws that hold the bounds, and the share of all draws that do, None without bounds.
 
     ``draw`` makes so many: coefficients (m, p) and whatever belongs to them, each (m, ...). ``n`` are wanted; fewer are
     given where hardly any of ``most`` times as many hold.
     """
+    if bounds is None:
+        return draw(n), None
     kept: list[tuple[FloatArray, ...]] = []
     made = found = 0
     while found < n and made < most * n:
@@ -152,11 +154,6 @@ def mixture_interval(
 
 
 @dataclass(frozen=True, slots=True)
-class Flat:
-    """The prior p(beta, sigma^2) proportional to 1 / sigma^2: its intervals are those of least squares."""
-
-
-@dataclass(frozen=True, slots=True)
 class NormalInverseGamma:
     """Conjugate prior."""
 
@@ -169,13 +166,14 @@ class NormalInverseGamma:
     """Shape and scale of the inverse gamma of sigma^2, >= 0; the prior counts as 2 a0 runs that found b0 / a0."""
 
 
-Prior = Flat | NormalInverseGamma
+Prior: TypeAlias = NormalInverseGamma | None
+"""None is flat, p(beta, sigma^2) proportional to 1 / sigma^2: its intervals are those of least squares."""
 
 
 def with_further(base: Prior, p: int, precision: FloatArray) -> NormalInverseGamma:
     """Prior of the first ``p`` coefficients with more behind them: around zero, of ``precision`` (c,), 0 for flat."""
     mean, Lambda0 = np.zeros(p + len(precision)), np.diag(np.concatenate([np.zeros(p), precision]))
-    if isinstance(base, Flat):
+    if base is None:
         return NormalInverseGamma(mean, Lambda0, 0.0, 0.0)
     mean[:p], Lambda0[:p, :p] = base.m0[:p], base.Lambda0[:p, :p]
     return NormalInverseGamma(mean, Lambda0, base.a0, base.b0)
@@ -250,7 +248,7 @@ def _student_within(df: float, low: FloatArray, high: FloatArray, rng: np.random
 
 
 def posterior(
-    Z: FloatArray, y: FloatArray, weights: FloatArray | None = None, prior: Prior | None = None
+    Z: FloatArray, y: FloatArray, weights: FloatArray | None = None, prior: Prior = None
 ) -> ConjugatePosterior:
     """Exact posterior of ``y = Z beta + e``, e_i ~ N(0, sigma^2 / weight_i), of coded rows Z (n, p) and scores y (n,).
 
@@ -260,7 +258,7 @@ def posterior(
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     n, p = Z.shape
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    if prior is None or isinstance(prior, Flat):
+    if prior is None:
         prior = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
     root = np.sqrt(w)
     K = _root(prior.Lambda0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import ConvergenceError
-from seqrsm.fit.conjugate import MOST, LinearBounds, NormalInverseGamma, Prior, bounded_draws, posterior, with_further
+from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, posterior, with_further, within
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.robust import STUDENT_DF, likely_weights, student_draws, student_draws_of_days, student_share
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
@@ -303,8 +303,6 @@ class StudentT(Additive):
         rows = _ROWS_PER_DRAW * n
         *found, reached = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
         made: Made = {"method": "gibbs", "errors": self.name, "draws": len(found[1]), **reached}
-        if bounds is None:
-            return tuple(found), made, None
         first = [tuple(found)]
 
         def more(m: int) -> tuple[FloatArray, ...]:
@@ -312,7 +310,7 @@ class StudentT(Additive):
                 return first.pop()
             return student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)[:2]
 
-        held, share = bounded_draws(more, bounds, rows, _MOST_ROUNDS)
+        held, share = within(more, bounds, rows, _MOST_ROUNDS)
         return held, made | {"draws": len(held[1])}, share
 
     def draws_of_days(
@@ -386,13 +384,6 @@ NORMAL: Final = Normal()
 
 ERROR_MODELS: Final[Mapping[str, ErrorModel]] = {model.name: model for model in (NORMAL, StudentT(), BetaBinomial())}
 """Every model of errors by its name in ``campaign.toml``; the first is the default."""
-
-
-def within(
-    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n: int, most: int = MOST
-) -> tuple[tuple[FloatArray, ...], float | None]:
-    """Draws that hold the bounds, and the share of all draws that does; see `bounded_draws`."""
-    return (draw(n), None) if bounds is None else bounded_draws(draw, bounds, n, most)
 
 
 def enough(found: int, wanted: int) -> bool:

@@ -430,7 +430,7 @@ class Process:
         pull = self._roots[d] @ ((self._y - before(own) - error) @ self._roots[d])
 
         def surface(points: FloatArray) -> FloatArray:
-            at = self._bent_places(h, *self._of_points(points))
+            at = _bent_places(h, self._columns, *self._of_points(points))
             cross = self._covariance(h, at, own, _apart(at.levels, own.levels))
             return np.asarray(self.centre + self.scatter * (before(at) + cross[0] @ pull))
 
@@ -473,22 +473,19 @@ class Process:
         apart = _apart(given[1], self._levels)
         for some in _in_cache(len(self._alpha), apart.size):
             h = self.hyper.some(some)
-            yield some, h, self._bent_places(h, *given), self._own.some(some), apart
+            yield some, h, _bent_places(h, self._columns, *given), self._own.some(some), apart
 
     def _of_points(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What places have under every draw: base columns, levels, and rows of the difference."""
         return self.model.base(points), points[:, list(self.model.categorical)], self._of_difference(points)
 
     def _places_of_runs(self, h: Hyper) -> _Places:
-        return self._bent_places(h, self._base, self._levels, self._difference)
+        return _bent_places(h, self._columns, self._base, self._levels, self._difference)
 
     def _of_difference(self, points: FloatArray) -> FloatArray:
         if self._sources is None:
             return np.empty((len(points), 0))
         return np.asarray(self.model.matrix(points) * self._sources.difference_sd / self.scatter)
-
-    def _bent_places(self, h: Hyper, base: FloatArray, levels: FloatArray, difference: FloatArray) -> _Places:
-        return _bent_places(h, self._columns, base, levels, difference)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places, apart: IntArray) -> FloatArray:
         """Of the surface (d, m, n)."""

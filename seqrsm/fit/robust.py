@@ -9,7 +9,7 @@ from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError
-from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
+from seqrsm.fit.conjugate import NormalInverseGamma, Prior, posterior
 from seqrsm.fit.convergence import ess, ess_tail
 
 STUDENT_DF = 4.0
@@ -131,7 +131,7 @@ def _gibbs(
     start = posterior(Z, y, weights, prior)
     # As seen from the least-squares fit and in its own units: normal equations in u then lose no digits.
     X, y = Z @ start.factor, y - Z @ start.mean
-    given = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0) if isinstance(prior, Flat) else prior
+    given = prior or NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
     rank = int(np.linalg.matrix_rank(given.Lambda0, hermitian=True))
     shape = given.a0 + 0.5 * (n + rank - p)
     # The scores as a last column: one Cholesky factor of the sums of products holds the fit and its residual too.

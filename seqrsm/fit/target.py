@@ -20,7 +20,7 @@ from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, Prior, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, LinearBounds, Prior, posterior
 from seqrsm.fit.moves import Distribution
 
 # Of the base's degrees of freedom, the share that the proposal keeps unless errors are normal: its tails are heavier.
@@ -172,7 +172,7 @@ def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: Prior, errors: Err
 
 def _log_prior(prior: Prior, base: ConjugatePosterior) -> Callable[[FloatArray, FloatArray], FloatArray]:
     """Log prior of (u, log sigma), with the Jacobian of log sigma."""
-    if isinstance(prior, Flat):
+    if prior is None:
         return lambda u, log_sigma: np.zeros(log_sigma.shape)
     m0, Lambda0, a0, b0 = prior.m0, prior.Lambda0, prior.a0, prior.b0
     rank = int(np.linalg.matrix_rank(Lambda0, hermitian=True))

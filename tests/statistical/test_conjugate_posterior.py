@@ -9,14 +9,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import FitError
-from seqrsm.fit.conjugate import (
-    ConjugatePosterior,
-    Flat,
-    LinearBounds,
-    NormalInverseGamma,
-    posterior,
-    weakly_informative,
-)
+from seqrsm.fit.conjugate import ConjugatePosterior, LinearBounds, NormalInverseGamma, posterior, weakly_informative
 from seqrsm.fit.least_squares import fit_least_squares
 
 KINDS = ["intercept", "linear", "linear", "interaction", "square", "square"]
@@ -40,7 +33,7 @@ def prior(p: int = 6, seed: int = 1) -> NormalInverseGamma:
 def test_flat_prior_reproduces_least_squares(n: int) -> None:
     Z, y, w = problem(n)
     terms = [SimpleNamespace(name=f"z{i}", kind=k) for i, k in enumerate(KINDS)]
-    fit, exact = fit_least_squares(Z, y, terms, weights=w), posterior(Z, y, w, Flat())
+    fit, exact = fit_least_squares(Z, y, terms, weights=w), posterior(Z, y, w, None)
     assert exact.df == n - 6
     np.testing.assert_allclose(exact.mean, fit.estimate, rtol=1e-13)
     np.testing.assert_allclose(margin_scale(exact), fit.se, rtol=1e-12)
@@ -171,7 +164,7 @@ def test_simulation_based_calibration() -> None:
 @pytest.mark.parametrize("count", [1, 2])
 def test_draws_inside_bounds_are_those_that_hold_them(count: int) -> None:
     """Bounds that three draws of a hundred hold: rejection, the definition, beside draws that need none."""
-    found = posterior(*problem(9), Flat())
+    found = posterior(*problem(9), None)
     rows = np.array([[0.0, 1.0, 0.3, 0.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0, 0.5, 0.0]])[:count]
     middle, sd = rows @ found.mean, np.sqrt(found.variance_unscaled(rows)) * found.scale
     bounds = LinearBounds(
@@ -189,7 +182,7 @@ def test_draws_inside_bounds_are_those_that_hold_them(count: int) -> None:
 
 def test_draws_inside_two_bounds_that_no_draw_holds() -> None:
     """Margins of a correlated pair far out in its tail, by quadrature of the density."""
-    found = posterior(*problem(12), Flat())
+    found = posterior(*problem(12), None)
     rows = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.8, -1.0, 0.0, 0.0, 0.0]])
     high = np.array([-1.0, 0.5])
     inside = (

@@ -14,7 +14,7 @@ from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit import ensemble
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, NormalInverseGamma, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.ensemble import Sampled
 from seqrsm.fit.error_models import StudentT
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
@@ -228,7 +228,7 @@ def test_many_coefficients_leave_room_for_the_steps_that_the_rule_asks_for(monke
     Z, y, w = rng.normal(size=(90, 60)), rng.normal(size=90), np.ones(90)
     monkeypatch.setattr(ensemble, "_STORE_BYTES", 40 * 8 * 512 * 61)
     found = sample_posterior(Z, y, w, seed=1, max_steps=1000)
-    scores = standard_scores(found, posterior(Z, y, w, Flat()))
+    scores = standard_scores(found, posterior(Z, y, w, None))
     assert np.max(np.abs(scores)) < 4.5
 
 
@@ -245,7 +245,7 @@ def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
     y = Z @ np.array([5.0, 1.0, -2.0, 0.5]) + rng.standard_t(4.0, 26)
     weights = rng.uniform(0.5, 2.0, 26)
     informed = NormalInverseGamma(np.array([0.0, 0.5, 0.0, 0.0]), np.diag([0.0, 2.0, 1.0, 0.5]), 1.5, 2.0)
-    for prior in (Flat(), informed):
+    for prior in (None, informed):
         beta, sigma, reached = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
         chain = sample_posterior(Z, y, weights, errors=StudentT(), prior=prior, seed=3)
         assert reached["r_hat"] < 1.02
@@ -289,7 +289,7 @@ def test_gibbs_draws_leave_a_wild_score_alone() -> None:
     Z = np.column_stack([np.ones(20), np.linspace(-1.0, 1.0, 20)])
     y = Z @ np.array([80.0, 3.0]) + rng.standard_normal(20)
     y[4] = 500.0
-    beta, *_ = student_draws(Z, y, np.ones(20), Flat(), 4000, np.random.default_rng(1))
+    beta, *_ = student_draws(Z, y, np.ones(20), None, 4000, np.random.default_rng(1))
     assert beta.mean(axis=0) == pytest.approx([80.0, 3.0], abs=1.0)
 
 
@@ -298,7 +298,7 @@ def test_student_t_draws_do_not_mind_where_the_scores_lie() -> None:
     rng = np.random.default_rng(7)
     Z = np.column_stack([np.ones(15), np.linspace(-1, 1, 15), np.linspace(-1, 1, 15) ** 2])
     y = np.round(Z @ [60.0, 2.0, -3.0] + rng.standard_t(4, size=15), 3)
-    near, far = (student_draws(Z, y + by, np.ones(15), Flat(), 400, np.random.default_rng(1)) for by in (0.0, 1e12))
+    near, far = (student_draws(Z, y + by, np.ones(15), None, 400, np.random.default_rng(1)) for by in (0.0, 1e12))
     np.testing.assert_allclose(far[0] - [1e12, 0.0, 0.0], near[0], atol=2e-3)
     np.testing.assert_allclose(far[1], near[1], rtol=1e-3)
 
@@ -310,7 +310,7 @@ def test_a_score_beside_which_the_others_have_no_digits_is_named() -> None:
     y = 10.0 + rng.normal(size=16)
     y[10] = 9.0e11
     with pytest.raises(FitError, match=r"run 11 \(counted from 1\) lies too far from the others"):
-        student_draws(Z, y, np.ones(16), Flat(), 1000, rng)
+        student_draws(Z, y, np.ones(16), None, 1000, rng)
     y[10] = 9.0e6
-    beta, *_ = student_draws(Z, y, np.ones(16), Flat(), 1000, rng)
+    beta, *_ = student_draws(Z, y, np.ones(16), None, 1000, rng)
     assert np.isfinite(beta).all()

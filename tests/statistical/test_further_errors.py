@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.fit.conjugate import Flat, LinearBounds
+from seqrsm.fit.conjugate import LinearBounds
 from seqrsm.fit.error_models import ERROR_MODELS, Additive, LinearRuns
 from seqrsm.fit.least_squares import fit_least_squares
 
@@ -34,7 +34,7 @@ class Logistic(Additive):
 def runs() -> LinearRuns:
     Z, weights = np.ones((7, 1)), np.ones(7)
     fit = fit_least_squares(Z, Y, ["intercept"], weights=Logistic().weights(Z, Y, weights))
-    return LinearRuns(fit, 1, Z, Y, weights, Flat(), lambda beta: beta, True, 1.0, None)
+    return LinearRuns(fit, 1, Z, Y, weights, None, lambda beta: beta, True, 1.0, None)
 
 
 def margins() -> tuple[tuple[np.ndarray, np.ndarray], ...]:

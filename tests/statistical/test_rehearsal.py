@@ -100,7 +100,7 @@ def test_batches_of_random_days_are_rehearsed_by_days(monkeypatch: pytest.Monkey
     spec, analysis = known(mean, model=random, days=3.0 * SIGMA)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
     for share in (0.0, 1.0):
-        fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
+        fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, by_scores=share))
         given = replace(analysis, fitted=fitted)
         truths = [rehearsal._truth(given, draws, np.random.default_rng(i)) for i in range(15)]
         assert np.median([one.of_day for one in truths]) == pytest.approx(3.0 * SIGMA, rel=0.5)
@@ -134,7 +134,7 @@ def test_runs_of_student_errors_are_rehearsed_with_their_standard_deviation(shar
     """They scattered by its scale: seven in eight stopped at a target that `fit` and `check` put below the floor."""
     spec, analysis = known(hill, model='[model]\nerrors = "student_t"\n')
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
-    departure = replace(analysis.fitted.departure, probability=share)
+    departure = replace(analysis.fitted.departure, by_scores=share)
     given = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
     truths = [rehearsal._truth(given, draws, np.random.default_rng(i)) for i in range(60)]
     process = analysis.fitted.departure.process
@@ -174,7 +174,7 @@ def test_runs_of_a_truth_scatter_as_its_scale_says(share: float) -> None:
     """On the logit's scale more where the score is nearer to 100, in percent less."""
     spec, analysis = known(lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
-    fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, probability=share))
+    fitted = replace(analysis.fitted, departure=replace(analysis.fitted.departure, by_scores=share))
     truth = rehearsal._truth(replace(analysis, fitted=fitted), draws, np.random.default_rng(2))
     at = np.array([[0.3, -0.2], [-1.0, 1.0]])
     percent = analysis.scale.to_score(truth.mean(at))

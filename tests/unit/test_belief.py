@@ -53,7 +53,7 @@ def test_a_stationary_point_that_nothing_determines_has_no_number(narrow: Analys
 
 def believed(analysis: Analysis, probability: float) -> Fitted:
     belief = analysis.fitted
-    return replace(belief, departure=replace(belief.departure, probability=probability, reason=""))
+    return replace(belief, departure=replace(belief.departure, by_scores=probability, reason=""))
 
 
 def ends(found: Prediction) -> np.ndarray:

@@ -98,7 +98,7 @@ def test_a_surface_that_passes_its_bound_promises_the_bound(tmp_path: Path, goal
 def test_the_compromise_counts_draws_of_the_process_by_its_probability(
     made: Campaign, narrow: Analysis, share: float
 ) -> None:
-    departure = replace(narrow.fitted.departure, probability=share)
+    departure = replace(narrow.fitted.departure, by_scores=share)
     analysis = replace(narrow, fitted=replace(narrow.fitted, departure=departure))
     objective = compromise._application(made.spec, analysis)
     assert objective.draws is not None
@@ -320,7 +320,7 @@ def test_measured_percentages_whose_intervals_pass_100_are_told_how_to_end_there
 
 def test_the_rule_asks_for_more_runs_where_the_surface_is_likely_no_quadratic(narrow: Analysis) -> None:
     for probability, terms in ((0.49, 0), (0.51, narrow.fitted.surface.n_terms)):
-        fitted = replace(narrow.fitted, departure=replace(narrow.fitted.departure, probability=probability))
+        fitted = replace(narrow.fitted, departure=replace(narrow.fitted.departure, by_scores=probability))
         assert as_found(StopRule(), fitted, narrow.optimum.point).acting_terms == terms
 
 

@@ -53,7 +53,7 @@ def test_a_run_of_a_new_day_scatters_by_its_error_and_its_day(flown) -> None:
     assert isinstance(surface, RandomBlocks)
     found = surface.posterior
     own, day = found.shares @ np.square(found.s), surface.common_sd**2
-    quadratic = replace(fitted.departure, process=None, probability=0.0)
+    quadratic = replace(fitted.departure, process=None, by_scores=0.0)
     for weight in (1.0, 3.0):
         sd = quadratic.sd_of_run(surface.sd_of_run(weight), surface.errors, weight)
         assert sd**2 == pytest.approx(STUDENT * own / weight + day, rel=1e-9)
@@ -143,7 +143,7 @@ def test_days_of_the_process_are_its_own(flown) -> None:
     draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=4000)
     widths = []
     for one in (process, alike):
-        departure = replace(analysis.fitted.departure, process=one, probability=1.0)
+        departure = replace(analysis.fitted.departure, process=one, by_scores=1.0)
         belief = replace(analysis.fitted, departure=departure)
         rng = np.random.default_rng(5)
         _, (mean, many) = intervals_by_draws(belief, at, 0.95, (100,), 0.0, draws, rng)
@@ -195,7 +195,7 @@ def test_the_first_run_of_a_new_day_is_judged_by_its_scatter_and_the_days() -> N
 def test_what_a_run_of_a_new_random_day_narrows_is_told(flown) -> None:
     """By generalized least squares with the ratio of variances found; told was 4 % for 0.3 % and for 5 %."""
     made, analysis = flown
-    departure = replace(analysis.fitted.departure, process=None, probability=0.0)
+    departure = replace(analysis.fitted.departure, process=None, by_scores=0.0)
     quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
     new = next_runs.next_batch(made.spec, [quadratic], made.store.runs(), 3, "flight")
     surface, at, model = analysis.fitted.surface, analysis.optimum.point, analysis.model
@@ -269,7 +269,7 @@ def test_runs_of_one_more_day_are_proposed_where_days_hide_terms(tmp_path, of) -
 def test_a_batch_of_which_nothing_is_flown_has_a_day_of_its_own(flown, monkeypatch, scored, own) -> None:
     """What is left over of one that was flown in part is flown with the next: its own day is over."""
     made, analysis = flown
-    departure = replace(analysis.fitted.departure, probability=0.0)
+    departure = replace(analysis.fitted.departure, by_scores=0.0)
     quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
     runs = made.store.runs()
     waits = [replace(runs[i], run_id=90 + i, state="issued", block="", batch=9) for i in range(2)]
@@ -290,7 +290,7 @@ def test_a_batch_of_which_nothing_is_flown_has_a_day_of_its_own(flown, monkeypat
 def test_the_quadratic_chooses_a_new_days_runs_with_its_effect_unknown(flown, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each day's is one of the days that are seen to differ so much: neither taken for 0, nor for anything."""
     made, analysis = flown
-    departure = replace(analysis.fitted.departure, probability=0.0)
+    departure = replace(analysis.fitted.departure, by_scores=0.0)
     quadratic = replace(analysis, fitted=replace(analysis.fitted, departure=departure))
     real, given = next_runs.propose_batch, []
     monkeypatch.setattr(next_runs, "propose_batch", lambda *a, **more: given.append(a[2]) or real(*a, **more))

@@ -71,7 +71,7 @@ def test_the_surface_assumed_is_the_one_that_was_considered(narrow):
         simulator=None,
     ))  # fmt: skip
     quadratic = dataclasses.replace(
-        narrow.fitted, departure=dataclasses.replace(narrow.fitted.departure, probability=0.0)
+        narrow.fitted, departure=dataclasses.replace(narrow.fitted.departure, by_scores=0.0)
     )
     for one, process in ((narrow, True), (dataclasses.replace(narrow, fitted=quadratic), False)):
         (told,) = [text for text in _measured_assumptions(campaign, (one,)) if "polynomial" in text]
@@ -95,13 +95,13 @@ def test_what_a_run_draws_is_that_of_every_engine_of_a_set_and_the_label_of_a_ma
     assert "existing map" not in alone
 
 
-def test_a_run_is_unusual_for_the_quadratic_where_there_is_another_surface(tmp_path, monkeypatch):
+def test_a_run_is_unusual_for_the_quadratic_where_there_is_another_surface(tmp_path, request):
     """Leverage, Cook's distance and residual are the quadratic's: what that cannot follow is no fault of the run."""
     scores = bowl(POINTS) + 0.3 * np.random.default_rng(9).normal(size=24)
     scores[7] += 9.0
     one = analysed(tmp_path / "two", specification(numeric(2)), POINTS, scores)
     assert one.fitted.departure.probability > 0.0
     assert [text.partition(":")[0] for text in one.warnings] == ["Run 8 is unusual for the quadratic"]
-    monkeypatch.setattr("seqrsm.analysis.belief.PRIOR_LOG_ODDS", -100.0)
+    request.getfixturevalue("least_squares_alone")
     alone = analysed(tmp_path / "one", specification(numeric(2)), POINTS, scores)
     assert [text for text in alone.warnings if "for the quadratic" in text] == []
