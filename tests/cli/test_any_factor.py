@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import document, seqrsm
 from tiny_campaign import TINY, make_tiny
-from typer.testing import CliRunner, Result
 
 from seqrsm.campaign.simulation import SimulationTask, carry_out, task_of
-from seqrsm.cli.app import app
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import load_spec
 
@@ -52,16 +51,6 @@ def varied(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Path:
     return folder
 
 
-def seqrsm(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def told(*arguments: object) -> Any:
-    result = seqrsm(*arguments, "--json")
-    assert result.exit_code == 0, result.output + repr(result.exception)
-    return json.loads(result.stdout)
-
-
 def runs_of(folder: Path) -> list[dict[str, Any]]:
     file = folder / "all.json"
     assert seqrsm("export", folder, file).exit_code == 0
@@ -69,7 +58,7 @@ def runs_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def test_check_tells_what_every_season_rests_on(varied):
-    found = told("check", varied)
+    found = document("check", varied)
     assert found["n_factors"] == 4
     assert found["n_terms"] == 6
     notes = "\n".join(found["notes"])
@@ -129,7 +118,7 @@ def test_pictures_and_studies_of_such_a_campaign(varied, tmp_path):
     refusal = seqrsm("image", varied, "--set", "season=monsoon", "--out", image)
     assert refusal.exit_code == 2
     assert "monsoon" in refusal.stderr
-    study = told("tradeoff", varied)
+    study = document("tradeoff", varied)
     assert not study["simulation"]["failures"]
     assert {row["season"] for row in study["simulation"]["configurations"]} <= {"spring_summer", "fall", "winter"}
 
@@ -164,18 +153,18 @@ def test_a_radiometer_varies_weather_heading_and_receiver(tmp_path, tiny_scene):
         "receiver": 'levels = ["total_power", "dicke"]',
     }
     folder = make_tiny(tmp_path / "passive", tiny_scene, campaign(factors, RADIOMETER_FIXED, "prm"))
-    found = told("check", folder)
+    found = document("check", folder)
     assert found["n_terms"] == 5
     assert "rain" in "\n".join(found["notes"])
     image = tmp_path / "i.npz"
     given = ("heading_deg=270", "weather=rain", "receiver=dicke", "altitude_m=600")
-    made = told("image", folder, *(word for setting in given for word in ("--set", setting)), "--out", image)
+    made = document("image", folder, *(word for setting in given for word in ("--set", setting)), "--out", image)
     assert made["settings"] == {"altitude_m": 600.0, "heading_deg": 270.0, "weather": "rain", "receiver": "dicke"}
 
 
 def test_every_parameter_is_listed():
     for engine, table in SENSORS.items():
-        rows = told("parameters", engine)
+        rows = document("parameters", engine)
         assert [row["name"] for row in rows] == list(table)
         altitude = next(row for row in rows if row["name"] == "altitude_m")
         assert (altitude["unit"], altitude["low"], altitude["required"], altitude["factor"]) == ("m", 1.0, True, True)

@@ -10,13 +10,8 @@ from pathlib import Path
 import measured_campaign
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
-
-from seqrsm.cli.app import app
-
-
-def seqrsm(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+from commands import seqrsm
+from typer.testing import Result
 
 
 def refused(result: Result, *words: str) -> None:

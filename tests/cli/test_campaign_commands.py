@@ -12,8 +12,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import ok, seqrsm
 from tiny_campaign import TINY, make_tiny
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from seqrsm.analysis.ground import MEASURED, RANKED, ground_of_scores
 from seqrsm.analysis.results import OptimumEstimate
@@ -30,17 +31,6 @@ from seqrsm.simulate.runner import run_many
 from seqrsm.spec.read import load_spec
 from seqrsm.store.chain import event_hash
 from seqrsm.store.records import NewRun
-
-
-def seqrsm(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def ok(*arguments: object) -> str:
-    result = seqrsm(*arguments)
-    assert result.exit_code == 0, result.output + repr(result.exception)
-    return result.stdout
-
 
 OF_TWO_PLACES = TINY.replace("seed = 5", "seed = 6")
 """Recommends other settings than those of its best run after the start."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import ok
 from measured_campaign import FREQUENCY, MEASURED, X, days, make, quadratic
 from scipy import stats
 from tiny_campaign import TINY, make_tiny
@@ -40,12 +41,6 @@ sensor = "NISAR S DP 25"
 sensor = "Capella Spotlight"
 parameters = { frequency = 0.2 }
 """
-
-
-def ok(*arguments: object) -> str:
-    done = CliRunner().invoke(app, [str(one) for one in arguments])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,10 @@ from pathlib import Path
 
 import cluster_jobs
 import pytest
+from commands import call
 from tiny_campaign import TINY, make_tiny
-from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import runner
 from seqrsm.simulate.runner import Lost, run_many
@@ -229,12 +228,6 @@ def test_a_scheduler_that_does_not_answer_is_lost(tmp_path, monkeypatch):
 def scores(folder: Path) -> dict[int, list[float]]:
     with Store.open(folder) as store:
         return {run.run_id: [score.score for score in run.scores] for run in store.runs()}
-
-
-def call(*arguments: object, code: int = 0) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(address, tiny, tiny_scene, tmp_path):

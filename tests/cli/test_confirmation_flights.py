@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import document, seqrsm
 from measured_campaign import X, make, quadratic
-from typer.testing import CliRunner, Result
-
-from seqrsm.cli.app import app
 
 GUARD = 'guard = "confirmation"\nconfirmation_runs = 3\nmax_runs = 24\n[cost]\nflight = 7.5\n'  # no more than were made
-
-
-def seqrsm(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def document(*arguments: object) -> dict:
-    result = seqrsm(*arguments, "--json")
-    assert result.exit_code == 0, result.output + repr(result.exception)
-    return json.loads(result.stdout)
 
 
 @pytest.fixture

@@ -5,18 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import re
+from functools import partial
 
+import commands
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from seqrsm.cli.app import app
-
-
-def call(*arguments: object, code: int = 0):
-    result = CliRunner().invoke(app, ["design", *(str(argument) for argument in arguments)])
-    assert result.exit_code == code, result.output + repr(result.exception)
-    return result
+call = partial(commands.call, "design")
 
 
 def made(*arguments: object) -> dict:

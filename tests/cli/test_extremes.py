@@ -10,9 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
-from seqrsm.cli.app import app
+from commands import call
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -22,12 +20,6 @@ APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
 
 def numeric(k: int) -> str:
     return "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(k))
-
-
-def call(*arguments: object, code: int = 0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output + repr(result.exception)
-    return result
 
 
 def make(folder: Path, factors: str, stop: str, more: str = "", batch: int = 4) -> Path:

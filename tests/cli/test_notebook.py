@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from commands import ok
 from threadpoolctl import threadpool_info, threadpool_limits
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
@@ -38,12 +39,6 @@ FACTORS = {
     "looks": (4, 64),
     "pol": ["HH", "VV"],
 }
-
-
-def ok(*args: object) -> str:
-    done = CliRunner().invoke(app, [str(arg) for arg in args])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def ok_or_spent(*args: object) -> str:

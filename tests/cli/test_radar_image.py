@@ -11,13 +11,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import tifffile
+from commands import call
 from PIL import Image
 from tiny_campaign import TINY
-from typer.testing import CliRunner
 
 from seqrsm.campaign.check import combinations_of
 from seqrsm.campaign.simulator_checks import not_to_be_used
-from seqrsm.cli.app import app
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.spec.read import load_spec
 
@@ -36,12 +35,6 @@ def campaign(tiny):
         return tiny
 
     return write
-
-
-def call(*arguments: object, code: int = 0):
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == code, result.output + repr(result.exception)
-    return result
 
 
 def arrays(folder: Path, *more: object) -> dict[str, np.ndarray]:

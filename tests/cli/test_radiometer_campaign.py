@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import call
 
 from seqrsm.campaign.check import combinations_of
 from seqrsm.campaign.simulator_checks import check_simulator
-from seqrsm.cli.app import app
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import Scene
@@ -86,12 +85,6 @@ def folder(tmp_path: Path) -> Path:
     save_scene(Scene(flat, cover, names, field, flat == 0.0, 10.0), tmp_path / "scene.npz")
     (tmp_path / "campaign.toml").write_text(TOML, encoding="utf-8")
     return tmp_path
-
-
-def call(*arguments: object, code: int = 0):
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert result.exit_code == code, result.output
-    return result
 
 
 def layer(folder: Path, name: str) -> np.ndarray:

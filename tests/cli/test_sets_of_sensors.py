@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import document, seqrsm
 from PIL import Image
-from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
+from test_any_factor import HEAD, SMALL, TAIL
 from tiny_campaign import make_tiny
 
 from seqrsm.campaign.check import combinations_of
@@ -64,9 +65,9 @@ def folder(tmp_path, tiny_scene):
 
 
 def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
-    assert told("check", folder)["n_factors"] == 4
+    assert document("check", folder)["n_factors"] == 4
     assert seqrsm("run", folder).exit_code in (0, 3)
-    found = told("fit", folder)
+    found = document("fit", folder)
     steps = {(step["factor"], step["level"]) for step in found["steps"]}
     assert {("dates", 2.0), ("dates", 3.0)} <= steps
     assert len([factor for factor, _ in steps if factor == "frequency"]) == 2
@@ -92,7 +93,7 @@ def test_any_image_of_a_run_is_written(folder) -> None:
     chosen = ("--set", "frequency=L+C", "--set", "dates=2", "--set", "first_day=120", "--set", "C.resolution=20")
     shapes = []
     for number, member in ((1, "L, day 120"), (4, "C, day 140")):
-        made = told("image", folder, *chosen, "--number", number, "--out", folder / f"{number}.npz")
+        made = document("image", folder, *chosen, "--number", number, "--out", folder / f"{number}.npz")
         assert f"image {number} of 4: {member}" in made["summary"]
         shapes.append(made["shape"])
     assert shapes[1][1] > 1.5 * shapes[0][1]  # pixels of 20 m and of 40 m
@@ -235,7 +236,7 @@ def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
     found = crop_calendar(load_spec(folder), settings)
     assert found is not None
     assert found.channels == ("L HH", "L VV")
-    made = told(
+    made = document(
         "image", folder, *(f"--set={name}={value}" for name, value in settings.items()), "--out", folder / "i.npz"
     )
     assert "polarization HH+VV+phase" not in made["summary"]  # it is fixed
@@ -253,7 +254,7 @@ def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
 
 def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, tiny_scene) -> None:
     folder = with_calendar(tmp_path, tiny_scene)
-    found = told("check", folder)
+    found = document("check", folder)
     assert "Grass HH: course of calendar.csv (assumed: by hand)" in "\n".join(found["notes"])
     settings = {"frequency": "C", "dates": 1.0, "first_day": 120.0, "C.resolution": 30.0}
     drawn = crop_calendar(load_spec(folder), settings)
@@ -282,7 +283,7 @@ def test_faults_of_a_calendar_are_told_before_any_run(tmp_path, tiny_scene) -> N
         stopped = seqrsm(command, folder)
         assert stopped.exit_code == 2
         assert "calendar.csv:3: day: not a number from 1 to 365 (got '1 May')" in " ".join(stopped.stderr.split())
-    assert not any(told("status", folder)["runs"].values())
+    assert not any(document("status", folder)["runs"].values())
     (folder / "calendar.csv").write_text(CALENDAR.replace(",HV,", ",HH,"), encoding="utf-8")
     stopped = seqrsm("check", folder)
     assert stopped.exit_code == 2
@@ -310,13 +311,15 @@ def test_faults_of_a_calendar_are_told_before_any_run(tmp_path, tiny_scene) -> N
     )
     (folder / "calendar.csv").write_text(CALENDAR + CALENDAR.replace("Grass", "Soybean").partition("\n")[2])
     idle = "rows of calendar.csv for Soybean have no effect: the scene has Grass, Trees"
-    assert any(note.startswith(idle) for note in told("check", folder)["combinations"])
+    assert any(note.startswith(idle) for note in document("check", folder)["combinations"])
     toml = folder / "campaign.toml"
     dateless = text().replace('engine = "psm"', 'engine = "psm"\ncalendar_shift_days = 182')
     for factor in ('name = "dates"\nvalues = [1, 2, 3]\n', 'name = "first_day"\nlow = 100.0\nhigh = 180.0\n'):
         dateless = dateless.replace(f"[[factor]]\n{factor}", "")
     toml.write_text(dateless.replace("interval_days = 20.0", ""), encoding="utf-8")
-    assert "the calendar has no effect, as there are no dates: give first_day" in told("check", folder)["combinations"]
+    assert (
+        "the calendar has no effect, as there are no dates: give first_day" in document("check", folder)["combinations"]
+    )
     for given, words in (("calendar_shift_days = 400", "calendar_shift_days"), ("", "there is no such file")):
         toml.write_text(text().replace('engine = "psm"', f'engine = "psm"\ncalendar = "other.csv"\n{given}'))
         stopped = seqrsm("check", folder)
