@@ -15,6 +15,10 @@ Listener = Callable[[str, int, int], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
+def silent(*_: object) -> None:
+    """Call-back that does nothing, for work whose progress nobody follows."""
+
+
 def tell(what: str, done: int, total: int) -> None:
     """``done`` of ``total`` pieces of ``what`` are done; the total is the best guess at this moment."""
     listener = _listener.get()

@@ -200,7 +200,7 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws, t
 
 
 def _possible(estimate: OptimumEstimate, low: float, high: float) -> OptimumEstimate:
-    """No score that there cannot be is promised; what the rule watches is not shortened by that."""
+    """The estimate cut to possible scores; half-widths that the stop rule watches are not shortened by that."""
     kinds = ("confidence", "prediction", "prediction_mean", "whole", "by_chance")
     cut: dict[str, Any] = {kind: getattr(estimate, kind).within(low, high) for kind in kinds}
     return replace(estimate, mean=min(max(estimate.mean, low), high), **cut)
@@ -281,7 +281,7 @@ def _gain_of_student(fitted: Fitted) -> float:
 
 
 def _one_block(spec: CampaignSpec, fitted: Fitted) -> bool:
-    """Whether how flight days differ is to be part of intervals, and cannot be yet."""
+    """Whether intervals ought to include the scatter between flight days, which one day cannot tell."""
     return spec.model.block_effect == "random" and fitted.surface.fixed_blocks and "flight" in fitted.data.sources
 
 

@@ -58,7 +58,7 @@ class Surfaces:
     """Score at which runs scatter by ``noise``, where they scatter as shares do [%]; nan: where they scatter alike."""
 
     def scores(self, values: FloatArray) -> FloatArray:
-        """Score units of values on the scale of the fit."""
+        """Scores (score units) of values on the scale of the fit."""
         return logit_to_percent(values) if self.logit else values
 
     def slope(self, values: FloatArray) -> FloatArray:

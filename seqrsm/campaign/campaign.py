@@ -28,6 +28,7 @@ from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserEr
 from seqrsm.files import see_free
 from seqrsm.fit.error_models import Sampler
 from seqrsm.plain import plain
+from seqrsm.progress import silent
 from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec, placed
 from seqrsm.spec.tables import ApplicationSpec
@@ -43,10 +44,6 @@ TRIES = 3
 """How often one command begins a run that the machine fails."""
 MAX_ATTEMPTS = 9
 """How often commands begin a run that fails through no fault of its settings, before somebody asks for more."""
-
-
-def silent(*_: object) -> None:
-    """Tell nobody."""
 
 
 def _told(tell: Progress, before: int, n: int, done: int, more: int) -> None:

@@ -20,7 +20,7 @@ from seqrsm.analysis.ground import N_WORLDS, OCCASIONS, future_sds
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import fields_to_json, interval_to_json
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.campaign import Campaign, silent
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.grounds import cells_of_ground, scores_of
 from seqrsm.campaign.instruments import (
     Instrument,
@@ -43,6 +43,7 @@ from seqrsm.errors import ConfigurationError, SpecError, UserError
 from seqrsm.files import get_json, put_json, see_writable
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
+from seqrsm.progress import silent
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MEASURED_GHZ
 from seqrsm.sensor.named import NamedSensor, sensors_called

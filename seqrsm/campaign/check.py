@@ -31,6 +31,7 @@ from seqrsm.campaign.simulation import bundle_tasks, carry_out, scene_at, simula
 from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.errors import FitError, Problem, SpecError
+from seqrsm.progress import silent
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import has_course
 from seqrsm.sensor.earth import LOWEST_ORBIT_M
@@ -100,7 +101,7 @@ class Judged:
 
     @property
     def away(self) -> tuple[bool, bool, float]:
-        """How far it is from its targets: the more, the later in order."""
+        """Sort key: the farther from its targets, the larger."""
         of = ((self.plans[0].half_width, self.target), (self.plans[0].loss, self.target_loss))
         return bool(self.refused), bool(self.target_problem), max(np.nan_to_num(x / y, nan=-1.0) for x, y in of)
 
@@ -140,7 +141,7 @@ class CheckResult(Judged):
         return self, *self.others
 
 
-def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
+def check_campaign(folder: Path, progress: Callable[[int, int], None] = silent) -> CheckResult:
     """Validate a campaign and estimate what it will take; nothing is written.
 
     ``progress`` is told how many simulations are done of how many. UserError tells everything that is wrong with the
@@ -186,7 +187,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 
 
 def combinations_of(spec: CampaignSpec) -> tuple[str, ...]:
-    """What combinations of the parameters do, and where, and where the tables end; errors of `check_simulator`."""
+    """Notes on the sensor at the design's settings, and on where the tables end; errors of `check_simulator`."""
     doubts = (text for settings in spec.region.decode(_centres(spec)) for text in _doubts(spec, settings))
     return tuple(dict.fromkeys([*check_simulator(spec), *doubts]))
 
@@ -268,7 +269,7 @@ def refusals(folder: Path, result: CheckResult) -> list[Problem]:
     return found
 
 
-def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
+def settle_target(folder: Path, progress: Callable[[int, int], None] = silent) -> str:
     """Widen the stop targets of a new simulated campaign, where they are out of reach, to what its budget reaches.
 
     Its ``campaign.toml`` has lines ``half_width = NUMBER`` and ``loss = NUMBER``, over which the reason is written.
@@ -356,13 +357,13 @@ class _Scatter(NamedTuple):
 
 
 def _rule_of(spec: CampaignSpec, application: ApplicationSpec, share: float, analysis: Analysis | None) -> StopRule:
-    """The application's rule, as `status` will apply it to the scores so far, where there are any."""
+    """The application's stop rule as `status` applies it, to the scores so far where there are any."""
     rule = stop_rule(spec.stop_of(application.name), share)
     return rule if analysis is None else as_found(rule, analysis.fitted, analysis.optimum.point)
 
 
 def _so_far_or(found: _Scatter, analysis: Analysis | None) -> _Scatter:
-    """By the scores so far, where there are any."""
+    """The scatter by the scores so far where there are any, else as found by simulations."""
     if analysis is None or not analysis.fitted.surface.s > 0.0:
         return found
     ground, source = analysis.fitted.ground, f"residuals of {analysis.fit.n_runs} scored runs"

@@ -21,6 +21,7 @@ from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.simulation import scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.plain import counted
+from seqrsm.progress import silent
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
 from seqrsm.score.table import IN_MEMORY
@@ -70,7 +71,7 @@ class Dossier:
     """Of a campaign with dates, at the recommended settings."""
 
 
-def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
+def assemble(campaign: Campaign, step: Callable[[str], None] = silent) -> Dossier:
     """Dossier of a campaign as it stands; ``step`` is told what is being done; errors of `Campaign.analyse_all`."""
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")

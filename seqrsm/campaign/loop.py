@@ -15,13 +15,14 @@ from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import n_fitted
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_failed, silent
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, all_failed
 from seqrsm.campaign.grounds import Grounds
 from seqrsm.campaign.next_runs import confirmation_batch, start_size, to_confirm
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.errors import OvertakenError, StoreError, UserError
 from seqrsm.plain import counted
+from seqrsm.progress import silent
 from seqrsm.store.records import WAITING, RunRecord
 
 Ending = Literal["stop", "budget spent"]

@@ -42,7 +42,7 @@ EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
 EXIT_CLOSED_PIPE = 141
-"""Nobody reads on; what a shell tells of a program that SIGPIPE ended."""
+"""The reader of the output has gone; a shell reports this code for a program that SIGPIPE ended."""
 EXIT_TERMINATED = 143
 _INTERRUPTED = "interrupted"
 _KEPT = "; all scores so far are kept, and the same command goes on from them"
@@ -55,7 +55,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on
 
 
 class StoppedError(BaseException):
-    """SIGINT or SIGTERM; no KeyboardInterrupt, of which the parser of arguments would make an error of its own."""
+    """SIGINT or SIGTERM; not KeyboardInterrupt, which the parser of arguments would turn into an error of its own."""
 
 
 _signals: list[int] = []
@@ -144,8 +144,8 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
         except (KeyboardInterrupt, StoppedError):
             fail_stopped()
         except Exception:
-            # What the interrupt left half done has failed for want of the rest, or made an error of its own of it, as
-            # the import of a compiled library does.
+            # What an interrupt cuts short may fail later, or turn it into another error, as the import of a compiled
+            # library does.
             if swallowed or _signals:
                 fail_stopped()
             raise
@@ -157,7 +157,7 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
 
 
 def fail_stopped() -> NoReturn:
-    """End as one who was asked to; a second Ctrl-C does not disturb that."""
+    """End with the message and exit code of an interrupted command; a second Ctrl-C is ignored."""
     if _signals:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
@@ -177,7 +177,7 @@ def stop_on_signals() -> None:
 
 
 def _interrupt() -> None:
-    """As Ctrl-C does; a true signal, where there are such, also ends a wait."""
+    """Interrupt the main thread as Ctrl-C does; a real signal, where there are such, also ends a blocking call."""
     if sys.platform == "win32":
         _thread.interrupt_main()
     else:
@@ -235,7 +235,7 @@ def _apart(as_json: bool) -> Iterator[None]:
 
 
 def _descriptor_apart(stream: TextIO) -> int | None:
-    """Let programs that are started from here write to stderr; where stdout is meanwhile, None if it is no file."""
+    """Send the stdout of child processes to stderr; a copy of descriptor 1, None if stdout is another one."""
     try:
         if stream.fileno() != 1 or sys.stderr is None:
             return None
@@ -268,7 +268,7 @@ def ascii_signs(text: str) -> str:
 
 
 def _bound(text: str) -> str:
-    """No line ends within p < 0.001, \u00b1 2.4 or 76 %."""
+    """The text with fixed blanks within p < 0.001, \u00b1 2.4 and 76 %, where no line may end."""
     return re.sub(r"(?<=[<>=\u00b1]) | (?=[<>=] )|(?<=\d) (?=%)", _FIXED_BLANK, text.translate(_PLAIN))
 
 
@@ -366,7 +366,7 @@ _GAP = 2
 
 
 def _tied(cell: str) -> str:
-    """A name of a product breaks behind its signs alone."""
+    """A cell whose product names, such as A \u00d7 B, break only after the sign."""
     cell = _bound(cell)
     return cell.replace(" ", _FIXED_BLANK).replace("\u00d7\u00a0", "\u00d7 ") if "\u00d7" in cell else cell
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 from seqrsm.cli.results import Candidates, Fit, Ingested, Ran, Status
 from seqrsm.errors import UserError
 from seqrsm.plain import counted, heading
+from seqrsm.progress import silent
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,7 +31,7 @@ _T = TypeVar("_T")
 
 
 def _one_thread(method: Callable[_P, _T]) -> Callable[_P, _T]:
-    """As the commands, which set the environment: a matrix library that a notebook has loaded heeds that no more."""
+    """Keep matrix libraries to one thread; the commands do so by the environment, which a loaded library ignores."""
 
     @wraps(method)
     def alone(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -43,14 +44,14 @@ def _one_thread(method: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def _see(kind: Any, **given: Any) -> None:
-    """UserError where a value is not of a kind, as `isinstance` takes it."""
+    """UserError where a value is not an instance of ``kind``, a type or a union of types."""
     for name, value in given.items():
         if not isinstance(value, kind):
             raise UserError(f"{name} must be {getattr(kind, '__name__', kind)}", "Correct it.", value=value)
 
 
 def _see_whole(least: int, **given: Any) -> None:
-    """UserError where a value is no whole number from the least one."""
+    """UserError where a value is not a whole number of at least ``least``."""
     for name, value in given.items():
         if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
             raise UserError(f"{name} is a whole number from {least}", "Correct it.", value=value)
@@ -332,7 +333,6 @@ class Campaign:
         progress : callable
             Called with the numbers of candidates done and in all.
         """
-        from seqrsm.campaign.campaign import silent
         from seqrsm.campaign.candidates import measure_candidates
 
         _see_whole(4, worlds=worlds)
@@ -416,7 +416,6 @@ class Campaign:
         step: Callable[[str], None] | None = None,
     ) -> tuple[Path, ...]:
         """Write the report, by default HTML and PDF into the campaign's ``reports``; return the files written."""
-        from seqrsm.campaign.campaign import silent
         from seqrsm.campaign.dossier import assemble
         from seqrsm.files import see_writable
         from seqrsm.report import write_report

@@ -10,7 +10,7 @@ from __future__ import annotations
 import keyword
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, Literal, TypeAlias
@@ -48,6 +48,10 @@ def _scale_problems(name: str, scale: Scale, smallest: float) -> list[Problem]:
         text, remedy = "a logarithmic factor must be positive throughout", "Raise the lower end above 0 or use"
         return [Problem(text, f'{remedy} scale = "linear".', field=name, value=smallest)]
     return []
+
+
+def _not_finite(what: str, field: str, values: Iterable[float]) -> list[Problem]:
+    return [Problem(f"{what} is not a finite number", field=field, value=v) for v in values if not math.isfinite(v)]
 
 
 def _list_problems(field: str, listed: tuple[object, ...], what: str) -> list[Problem]:
@@ -118,12 +122,8 @@ class ContinuousFactor:
 
     def __post_init__(self) -> None:
         problems = _name_problems(self.name)
-        ends = [("low", self.low), ("high", self.high)]
-        broken = [
-            Problem("an end of the interval is not a finite number", field=f"{self.name}.{key}", value=end)
-            for key, end in ends
-            if not math.isfinite(end)
-        ]
+        broken = _not_finite("an end of the interval", f"{self.name}.low", [self.low])
+        broken += _not_finite("an end of the interval", f"{self.name}.high", [self.high])
         problems += broken
         if not broken:
             if not self.low < self.high or not math.isfinite(float(self.high) - float(self.low)):
@@ -160,11 +160,7 @@ class DiscreteFactor:
     def __post_init__(self) -> None:
         problems = _name_problems(self.name)
         values = tuple(self.values)
-        broken = [
-            Problem("a value is not a finite number", field=f"{self.name}.values", value=v)
-            for v in values
-            if not math.isfinite(v)
-        ]
+        broken = _not_finite("a value", f"{self.name}.values", values)
         problems += broken
         if not broken:
             values = tuple(sorted(float(v) for v in values))

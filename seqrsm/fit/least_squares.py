@@ -264,7 +264,7 @@ class LeastSquaresFit:
 
 
 def known_scatter(s: float) -> float:
-    """Standard deviation ``s`` of runs, nan where it is 0: no scatter seen is none known."""
+    """Standard deviation ``s`` of runs, nan where it is 0: that none was seen does not mean that there is none."""
     return s if s > 0.0 else float("nan")
 
 

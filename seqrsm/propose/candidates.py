@@ -29,6 +29,10 @@ class Source:
     """> 0: divides the gain."""
 
 
+AGAIN = "; repeats settings run or proposed before"
+"""To be added to the reason of a run whose settings were."""
+
+
 @dataclass(frozen=True, slots=True)
 class Choice:
     """One candidate: its coded settings (k,), model row (p,), gain per cost, and whether it was run already."""
@@ -40,8 +44,8 @@ class Choice:
 
     @property
     def again(self) -> str:
-        """To be added to the reason."""
-        return "; repeats settings run or proposed before" if self.executed else ""
+        """`AGAIN` where it does."""
+        return AGAIN * self.executed
 
 
 @dataclass(frozen=True, slots=True)

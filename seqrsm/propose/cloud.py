@@ -15,7 +15,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.process import FEW, Process
 from seqrsm.progress import tell
 from seqrsm.propose.batch import Proposal
-from seqrsm.propose.candidates import clear_of
+from seqrsm.propose.candidates import AGAIN, clear_of
 from seqrsm.propose.known import percent
 from seqrsm.remember import recalled
 
@@ -232,15 +232,8 @@ def propose_from_process(
             purpose = "spread"
             side = percent(float(half[chosen]))
             why = f"no run so far in the box of {side} of each continuous factor's range around it; {why}"
-        found.append(
-            Proposal(
-                cloud.points[chosen].copy(),
-                purpose,
-                float(value[chosen] + loss[chosen]),
-                why + "; repeats settings run or proposed before" * again,
-                again,
-            )
-        )
+        gain = float(value[chosen] + loss[chosen])
+        found.append(Proposal(cloud.points[chosen].copy(), purpose, gain, why + AGAIN * again, again))
         executed[chosen] = True
         ahead.count(chosen)
     return tuple(found)

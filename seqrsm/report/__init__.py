@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from seqrsm.files import put
-from seqrsm.progress import tell
+from seqrsm.progress import silent, tell
 
 if TYPE_CHECKING:
     from seqrsm.campaign.dossier import Dossier
@@ -21,7 +21,7 @@ def write_report(
     html: Path | None = None,
     pdf: Path | None = None,
     figures: Path | None = None,
-    step: Callable[[str], None] = lambda text: None,
+    step: Callable[[str], None] = silent,
 ) -> tuple[Path, ...]:
     """Write the report of a campaign; a face whose path is None is not rendered.
 
