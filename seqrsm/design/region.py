@@ -26,6 +26,8 @@ from seqrsm.design.factors import (
 )
 from seqrsm.errors import Problem, RegionError
 
+ROUNDING = 1e-9
+"""Of coded units and slacks: settings that miss a bound by less are on it."""
 _LINE_SAMPLES = 65
 _MAX_DRAWN = 1_000_000
 _MOST_CELLS = 20_000  # counted, of a region without continuous factors
@@ -180,7 +182,11 @@ class Region(OfFactors):
         """
         return np.asarray(np.min(self.slacks(np.atleast_2d(points)), axis=1, initial=np.inf))
 
-    def feasible(self, points: FloatArray, tol: float = 1e-9) -> BoolArray:
+    def allowed(self, points: FloatArray) -> BoolArray:
+        """Whether all constraints hold (n,), but for rounding; bounds and levels are not looked at."""
+        return np.asarray(self.slack(points) >= -ROUNDING)
+
+    def feasible(self, points: FloatArray, tol: float = ROUNDING) -> BoolArray:
         """Which points (n, k) lie within the bounds, on the levels and inside all constraints, to ``tol``."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         feasible: BoolArray = np.all(np.isfinite(points), axis=1)

@@ -190,7 +190,7 @@ def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...] | F
 def _inside(region: Region, point: FloatArray) -> bool:
     # Bounds and constraints only; a point computed to lie on a bound may miss it by rounding, and nan lies nowhere.
     inside = bool(np.all(np.abs(point[list(region.numeric)]) <= 1.0 + 1e-9))
-    return inside and bool(region.slack(point[None, :])[0] >= -1e-9)
+    return inside and bool(region.allowed(point[None, :])[0])
 
 
 def _ridge_warning(form: CanonicalForm, names: list[str], level: bool) -> str:

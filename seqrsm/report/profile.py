@@ -51,7 +51,7 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     table = np.clip(table - [best.optimism, lower, upper, lower, upper], *analysis.fitted.application.score_limits)
     ends = (best.confidence.low, best.confidence.high, best.prediction.low, best.prediction.high)
     table[np.ravel_multi_index(starts, [len(coded) for coded in levels])] = (best.mean, *ends)  # as on the first page
-    allowed = np.asarray(region.slack(points) >= -1e-9)
+    allowed = region.allowed(points)
     rows = [
         [*(round(value, places) if np.isfinite(value) else None for value in row), int(ok)]
         for row, ok in zip(table.tolist(), allowed.tolist(), strict=True)

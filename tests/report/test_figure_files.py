@@ -6,6 +6,7 @@ import csv
 import io
 import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +14,14 @@ from PIL import Image
 from pypdf import PdfReader
 from report_dossiers import truth_score, two_uses
 
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.region import Region
 from seqrsm.report.content import build_report
 from seqrsm.report.figures import drawing as drawn
 from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, legend_above, svg_for_html, tell
 from seqrsm.report.figures.files import named_panels, write_figures
-from seqrsm.report.figures.optimum import _label_style
+from seqrsm.report.figures.optimum import _label_style, contour_data
+from seqrsm.report.figures.surfaces import surface
 from seqrsm.report.wording import slug
 
 
@@ -55,6 +59,19 @@ def test_a_map_of_covers_can_be_read_without_the_report(simulated, folder):
     lowest = [name for name in rows[-1] if name]
     seen = {f"#{r:02x}{g:02x}{b:02x}" for r, g, b in image.reshape(-1, 3)}
     assert {colour for colour, name in colours.items() if name in lowest} <= seen
+
+
+def test_settings_on_a_constraint_are_drawn_as_allowed(simulated):
+    """The optimum often lies on one; over the other factors all of a contour plot is then within rounding of it."""
+    analysis = simulated.analyses[0]
+    at = analysis.optimum.settings["looks"]
+    for bound, allowed in ((at * (1.0 - 1e-15), True), (at * (1.0 - 1e-6), False)):
+        region = Region(analysis.region.factors, (Constraint(f"looks <= {bound!r}"),))
+        cut = replace(analysis, fitted=replace(analysis.fitted, region=region))
+        x, y = (region.names.index(name) for name in ("frequency", "depression_angle"))
+        shown = surface(cut, x, y)
+        assert np.all((shown.slack >= 0.0) == allowed)
+        assert {row[4] for row in contour_data(cut, shown).rows[: shown.slack.size]} == {"yes" if allowed else "no"}
 
 
 def test_files_are_what_their_names_say(folder):

@@ -10,6 +10,7 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, NumericFactor
+from seqrsm.design.region import ROUNDING
 from seqrsm.fit.intervals import Interval, Prediction
 
 GRID_POINTS = 41
@@ -30,7 +31,7 @@ class Surface:
     mean: FloatArray
     """(g, g): score; first axis follows ``y``."""
     slack: FloatArray
-    """(g, g): smallest slack of the constraints; negative where the settings are not allowed."""
+    """(g, g): smallest slack of the constraints, but for rounding; negative where the settings are not allowed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,7 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
         numeric_factor(analysis, x_index).decode(coded),
         numeric_factor(analysis, y_index).decode(coded),
         _scores(analysis, analysis.fitted.mean(points)).reshape(shape),
-        analysis.region.slack(points).reshape(shape),
+        (analysis.region.slack(points) + ROUNDING).reshape(shape),
     )
 
 
@@ -107,7 +108,7 @@ def line(analysis: Analysis, index: int) -> Line:
     factor = analysis.region.factors[index]
     coded, made, fitted = _places(factor), analysis.data.points, analysis.fitted
     moved = _along(analysis, index, made[:, index])
-    kept = analysis.region.slack(moved) >= -1e-9
+    kept = analysis.region.allowed(moved)
     # What a run is off the surface that is drawn, less what its block adds, and a simulation on flights.
     off, (sources, blocks) = analysis.fit.y - fitted.mean(made), fitted.surface.for_process()
     simulated = np.empty((len(off), 0)) if sources is None else ~sources.own[:, None]
@@ -149,7 +150,7 @@ def _line(
     )
     confidence = Interval(_scores(analysis, shown.confidence.low), _scores(analysis, shown.confidence.high))
     prediction = Interval(*(np.clip(end, *limits) for end in future))
-    allowed = np.asarray(analysis.region.slack(points) >= -1e-9)
+    allowed = analysis.region.allowed(points)
     return Line(index, x, _scores(analysis, shown.mean), confidence, prediction, allowed, *runs)
 
 
