@@ -65,8 +65,7 @@ def show_ingest(report: IngestReport) -> None:
             if ids
         ]
         would = "would be ingested" if report.dry_run else "ingested"
-        known = len(report.equal) + len({*report.unchanged} - {row.run_id for row in report.equal})
-        what = counted(report.n_scores - known, "rank" if report.ranked or report.rankings else "score")
+        what = counted(report.n_new, "rank" if report.ranked or report.rankings else "score")
         if report.rankings:
             first, last = report.rankings[0], report.rankings[-1]
             parts.append(f"ranking {first}" if first == last else f"rankings {first} to {last}")

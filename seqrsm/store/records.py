@@ -262,6 +262,8 @@ class RankingSummary:
 class IngestOutcome:
     """What became of the rows: ids of the runs."""
 
+    n_new: int = 0
+    """New scores, or ranks."""
     matched: tuple[int, ...] = ()
     """Issued runs that now have scores."""
     created: tuple[int, ...] = ()

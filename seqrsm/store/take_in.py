@@ -58,6 +58,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     if already is not None and not (void and any(run.run_id is None or run.run_id in void for run in file.runs)):
         return IngestOutcome(already=already)
     before = len(problems)
+    n_new = 0
     matched: list[int] = []
     created: list[int] = []
     replaced: list[tuple[int, int]] = []
@@ -91,10 +92,12 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
             strange.append((run.scores[0].source_row, wanted))
         elif old is None or old.state == "void":
             created.append(first + len(fresh))
+            n_new += len(run.scores)
             fresh.append((run, old))
             if old is not None:
                 replaced.append((old.run_id, created[-1]))
-        elif _match(ledger, run, old, file.name, problems):
+        elif added := _match(ledger, run, old, file.name, problems):
+            n_new += added
             matched.append(old.run_id)
             if dict(run.settings) != old.proposed:
                 moved.append(old.run_id)
@@ -108,7 +111,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
             remedy = "This campaign has no runs yet: remove the column run_id, and rows of void runs."
         problems.append(Problem(message, remedy, file.name, line, "run_id", wanted))
     _create(ledger, fresh, batch)
-    numbers, ranked_runs = add_rankings(ledger, file, problems)
+    numbers, n_ranks, ranked_runs = add_rankings(ledger, file, problems)
     if len(problems) > before:
         return IngestOutcome()
     applications = dict.fromkeys(ranking.application for ranking in file.rankings)
@@ -122,6 +125,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
         ledger.log("ingested", [(None, detail)])
     return IngestOutcome(
+        n_new=n_new + n_ranks,
         matched=tuple(matched) + ranked_runs,
         created=tuple(created),
         replaced=tuple(replaced),
@@ -189,20 +193,20 @@ def _is_share(score: NewScore | ScoreRecord) -> bool:
     return abs(score.score - 100.0 * score.correct / score.n) <= _ROUNDED
 
 
-def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:
-    """Add measured scores to a proposed run; False when they are there already or cannot be added."""
+def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> int:
+    """Add measured scores to a proposed run; how many: 0 when they are there already or cannot be added."""
     faults, fresh = ledger.new_scores(old.run_id, run.scores)
     if (old.executed is not None or old.state == "scored") and dict(run.settings) != old.settings:
         message = f"run {old.run_id} was made at other settings"
         faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.settings))
     problems += faults
     if faults or not fresh:
-        return False
+        return 0
     values = {"executed": plain(run.settings), "source": run.source or old.source, "block": run.block or old.block}
     if values["source"] != old.source:
         values["cost"] = run.cost
     ledger.add_scores(old.run_id, fresh, values)
-    return True
+    return len(fresh)
 
 
 def _create(ledger: Ledger, fresh: Sequence[tuple[IngestedRun, RunRecord | None]], batch: int) -> None:
@@ -240,10 +244,10 @@ def _refuse_ranked(ranked: set[str], run: IngestedRun, name: str, problems: list
 
 def add_rankings(
     ledger: Ledger, file: IngestedFile, problems: list[Problem]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Keep the rankings of a file that are not there yet; their numbers, and the runs that had no score before."""
+) -> tuple[tuple[int, ...], int, tuple[int, ...]]:
+    """Keep the rankings of a file that are not there yet: their numbers, ranks, and the runs without a score before."""
     if not file.rankings:
-        return (), ()
+        return (), 0, ()
     stored = tuple(ledger.records(RankingRecord, RANKINGS))
     known = {_identity(rows) for rows in _by_number(stored).values()}
     number = max((row.ranking for row in stored), default=0)
@@ -277,7 +281,7 @@ def add_rankings(
         ]
     if rows and not problems:
         ledger.connection.execute(sa.insert(RANKINGS), rows)
-    return tuple(numbers), tuple(waiting)
+    return tuple(numbers), len(rows), tuple(waiting)
 
 
 def void_ranking(ledger: Ledger, ranking: int, why: str) -> None:

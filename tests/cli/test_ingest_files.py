@@ -606,6 +606,16 @@ def test_a_second_application_of_a_flight_that_was_corrected(make):
     assert [len(run["scores"]) for run in folder.runs()] == [2, 1, 2]
 
 
+def test_new_scores_are_counted_where_a_form_of_two_applications_comes_again(make):
+    folder = make('[[application]]\nname = "ice"\nutility = "measured"\nhalf_width = 1.0')
+    head = f"run_id,{HEADER.replace('score', 'application,score')}"
+    rows = [f"{i},{1 + i},12,HH,{use},{score + i}" for i in (1, 2, 3) for use, score in (("crops", 70), ("ice", 0))]
+    first = [line.partition(",")[2] for line in (head, *rows[:-1])]  # nobody proposed these runs
+    assert "5 scores ingested: 3 new runs" in folder.ingest("\n".join(first) + "\n")
+    told = folder.ingest("\n".join([head, *rows]) + "\n", name="again.csv")
+    assert "again.csv: 1 score ingested: 1 proposed run scored, 2 unchanged runs" in told
+
+
 def test_the_score_of_a_void_run_comes_back_only_on_demand(make):
     """The form of a day that was declared void still has its scores."""
     folder = make()
