@@ -17,7 +17,14 @@ from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.plain import counted
 from seqrsm.report.blocks import Section
-from seqrsm.report.rounding import decimals_for, format_against, format_number, format_plain, format_significant
+from seqrsm.report.rounding import (
+    decimals_for,
+    format_against,
+    format_number,
+    format_plain,
+    format_significant,
+    width_digits,
+)
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
@@ -160,7 +167,8 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     for kind, words in interval_names(replicates, one_ground).items():
         if kind in best:
             watched = kind == result["interval"]  # as the report: three digits of what is held against the target
-            width, digits = (look["half_width"], 3) if watched else (best[kind]["half_width"], 2)
+            width = look["half_width"] if watched else best[kind]["half_width"]
+            digits = 3 if watched or width is None else width_digits(width)
             wide = "none yet" if width is None else f"\u00b1 {with_unit(known_text(width, digits, target), unit)}"
             line(f"{words}: {wide}" + f", target \u00b1 {with_unit(format_plain(target), unit)}" * watched, 2)
     if limit is not None:

@@ -82,6 +82,11 @@ def format_against(value: float, target: float, digits: int) -> str:
     return format_significant(value, telling(value, target, digits))
 
 
+def width_digits(width: float) -> int:
+    """Significant digits of a half-width: two, or three where the first is 1."""
+    return 3 if f"{width:e}".startswith("1") else 2
+
+
 def format_plus_minus(value: float, uncertainty: float) -> str:
     """Format ``value ± uncertainty``, both to the decimal place of the uncertainty."""
     decimals = decimals_for(uncertainty, decimals_of_significant(value, 3))

@@ -30,6 +30,7 @@ from seqrsm.report.rounding import (
     format_range,
     format_share,
     format_significant,
+    width_digits,
 )
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.sets import SENSORS
@@ -322,8 +323,7 @@ def half_width_text(analysis: Analysis, half_width: float) -> str:
     """Return a half-width to two digits, to three where the first is 1, or why there is none."""
     if not math.isfinite(half_width):
         return no_error_estimate(analysis) or "not defined"
-    digits = 3 if f"{half_width:e}".startswith("1") else 2
-    return with_unit(format_significant(half_width, digits), analysis.score_unit)
+    return with_unit(format_significant(half_width, width_digits(half_width)), analysis.score_unit)
 
 
 def mean_text(analysis: Analysis) -> str:

@@ -208,6 +208,8 @@ def test_status_gives_the_mean_to_the_digits_of_the_report(tmp_path: Path, noise
     (status,) = re.findall(r"^mean score (.*)$", told[0], flags=re.M)
     (fit,) = re.findall(r"^Mean score  +(\S+(?: percent)?)  ", told[1], flags=re.M)
     assert status == fit
+    (width,) = re.findall(r"^ +confidence interval of the mean: ± (\S+)", told[0], flags=re.M)
+    assert re.findall(r"^Mean score +\S+ to \S+(?: percent)? +(\S+)(?: percent)?$", told[1], flags=re.M) == [width]
 
 
 def test_fit_fits_a_terminal_of_80_columns_without_folding_a_term(measured: Path) -> None:
