@@ -206,7 +206,10 @@ def flights_needed(rule: StopRule, sigma: float) -> int | None:
 
 def amount(value: float, unit: str, target: float = float("nan"), digits: int = 3) -> str:
     """So many digits, or as many as show on which side of a target it is, and the unit."""
-    return f"{value:.{telling(value, target, digits)}g} {unit}".rstrip()
+    text = f"{value:.{telling(value, target, digits)}g}"
+    if "e+" in text and abs(value) < 1e7:
+        text = f"{float(text):.0f}"
+    return f"{text} {unit}".rstrip()
 
 
 def telling(value: float, target: float, digits: int) -> int:

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.decide.confirmation import Agreement, ConfirmationInterval, confirmation_agrees, confirmation_interval
-from seqrsm.decide.stopping import Decision, Look, StopRule, decide, target_problem
+from seqrsm.decide.stopping import Decision, Look, StopRule, amount, decide, target_problem
 from seqrsm.fit.intervals import t_quantile
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -361,3 +361,13 @@ def test_what_the_images_are_held_against_is_named(known_map: bool, says: str) -
     worse = decide(StopRule(half_width=5.0), replace(look, lead=-3.0), None, "percent").checks
     (check,) = [one for one in worse if one.name == "guess"]
     assert "; the optimum is no better, so no setting" in check.text
+
+
+@pytest.mark.parametrize(
+    ("value", "target", "told"),
+    [(3372.7, 3000.0, "3370 m"), (999.6, 1500.0, "1000 m"), (14000.0, np.nan, "14000 m"), (3000.4, 3000.0, "3000.4 m"),
+     (0.0512, 1.0, "0.0512 m"), (2.5e9, np.nan, "2.5e+09 m")],
+)  # fmt: skip
+def test_large_amounts_are_told_in_digits(value, target, told) -> None:
+    """As the report tells them; 3.37e+03 stood in the reasons of a decision."""
+    assert amount(value, "m", target) == told
