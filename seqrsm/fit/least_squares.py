@@ -215,7 +215,7 @@ class LeastSquaresFit:
             return f"{where}, so there is no pure error to test against"
         if df_lof <= 0:
             return "no more distinct settings than terms, so the model passes through all means of repeats"
-        if ss_pe == 0.0:
+        if ss_pe == 0.0 or self.sse == 0.0:  # of an exact fit rounding alone is left
             return "all repeated runs gave the same score: pure error is zero and F is undefined"
         ss_lof = max(self.sse - ss_pe, 0.0)
         f = (ss_lof / df_lof) / (ss_pe / df_pe)

@@ -150,6 +150,18 @@ def test_saturated_fit_interpolates_and_has_no_intervals() -> None:
     assert fit.leverage_one_runs == (0, 1, 2, 3, 4, 5)
 
 
+def test_repeats_that_agree_but_for_rounding_test_no_lack_of_fit() -> None:
+    """Of an exact fit F would be 0 over the rounding of a logit, and p = 1 a test passed."""
+    x = np.tile([-1.0, 0.0, 1.0, -0.5], 2)
+    y = 5.98896 * x
+    y[4] = np.nextafter(y[4], 0.0)
+    fit = fit_least_squares(np.column_stack([np.ones(8), x]), y, terms(2), setting_ids=[0, 1, 2, 3] * 2)
+    told = fit.lack_of_fit()
+    assert fit.sse == 0.0
+    assert isinstance(told, str)
+    assert "pure error is zero" in told
+
+
 def test_a_run_with_leverage_one_is_named() -> None:
     Z = np.column_stack([np.ones(8), np.linspace(-1, 1, 8), [0, 0, 0, 1.0, 0, 0, 0, 0]])
     y = np.random.default_rng(0).normal(size=8)
