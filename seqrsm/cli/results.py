@@ -73,16 +73,21 @@ class Ingested(Shown):
 
 @dataclass(repr=False, eq=False)
 class Status(Shown):
-    """Where a campaign stands; ``result`` as of ``seqrsm status --json``."""
+    """Where a campaign stands."""
 
     spec: CampaignSpec
-    result: Mapping[str, Any]
+    _result: Mapping[str, Any]
 
     def show(self) -> None:
         """Print it as ``seqrsm status`` does."""
         from seqrsm.cli.show_fit import show_status
 
-        show_status(self.spec, self.result)
+        show_status(self.spec, self._result)
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``seqrsm status --json``."""
+        found: dict[str, Any] = plain(self._result)
+        return found
 
 
 @dataclass(repr=False, eq=False)
