@@ -45,7 +45,7 @@ from seqrsm.report.figures.fit import look_data, paint_mean_history, read_looks
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.rounding import NOTHING
-from seqrsm.report.sections.compromise import _front_table, _paint_front
+from seqrsm.report.sections.compromise import _front_table, _paint_front, compromise_section
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import importance_section
@@ -371,6 +371,9 @@ def test_a_compromise_opens_the_summary(flight):
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"
     ]  # fmt: skip
+    for shortfall, told in ((0.01, "0.010"), (5e-4, "less than 0.001"), (0.0, "less than 0.001")):
+        one = dataclasses.replace(found, expected_shortfall=shortfall)
+        assert compromise_section(first.region, one).blocks[0].text.endswith(f"best compromise is {told}.")
     missed = dataclasses.replace(found.given_up[0], desirability=0.0)
     found = dataclasses.replace(found, given_up=(missed,))
     sentence = build_report(two_uses(flight, compromise=found)).sections[0].blocks[1]

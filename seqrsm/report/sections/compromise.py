@@ -49,11 +49,13 @@ MAX_FRONT_PANELS = 3
 
 def compromise_section(region: Region, found: CompromiseEstimate) -> Section:
     """Return the details of the compromise: its settings, and the Pareto front."""
+    short = found.expected_shortfall  # an average over draws: none of them is no certainty
+    lost = "less than 0.001" if short < 0.001 else format_number(short, 3)
     blocks: list[Block] = [
         Paragraph(
             f"Overall desirability {format_number(found.desirability, 3)}: the weighted geometric mean of the "
             "individual desirabilities in the summary, from 0 (unacceptable) to 1 (ideal). Its expected shortfall from "
-            f"the unknown best compromise is {format_number(found.expected_shortfall, 3)}."
+            f"the unknown best compromise is {lost}."
         ),
         _setting_table(region, found),
     ]
