@@ -111,7 +111,7 @@ class Known:
 def percent(share: float) -> str:
     """A share in percent, two digits."""
     shown = 100.0 * share
-    return "less than 0.1 %" if shown < 0.1 else f"{shown:.2g} %" if shown < 99.5 else "100 %"
+    return "less than 0.01 %" if shown < 0.01 else f"{shown:.2g} %" if shown < 99.5 else "100 %"
 
 
 def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatArray | None) -> FloatArray:

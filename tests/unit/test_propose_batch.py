@@ -127,7 +127,7 @@ def test_runs_for_the_optimum_tell_where_it_is(monkeypatch: pytest.MonkeyPatch) 
 
 def test_stated_shares_can_be_read() -> None:
     told = [known.percent(share) for share in (0.0, 6.2e-6, 0.00123, 0.0756, 0.287, 0.9949, 0.9951, 1.0)]
-    assert told == ["less than 0.1 %"] * 2 + ["0.12 %", "7.6 %", "29 %", "99 %", "100 %", "100 %"]
+    assert told == ["less than 0.01 %"] * 2 + ["0.12 %", "7.6 %", "29 %", "99 %", "100 %", "100 %"]
 
 
 def test_stated_narrowing_is_the_true_one() -> None:
