@@ -210,20 +210,23 @@ def own_of_squares(scene: Scene, block: AnyArray, n_blocks: int, moist: BoolArra
     1 where a square is one field, 0 where nothing is ``moist`` (n_categories,).
     """
     cells = np.append(moist, False)[np.minimum(scene.cover, len(moist))]
-    code = block[cells].astype(np.int64) * scene.n_fields + scene.field_id[cells]
-    codes, sizes = np.unique(code, return_counts=True)
-    squares = np.bincount(codes // scene.n_fields, np.square(sizes.astype(np.float64)), n_blocks)
-    return np.asarray(squares / np.square(np.maximum(np.bincount(block[cells], minlength=n_blocks), 1)))
+    counts = cells_of_pairs(block[cells], scene.field_id[cells], (n_blocks, scene.n_fields))
+    squares, sizes = counts.power(2).sum(axis=1), counts.sum(axis=1)
+    return np.asarray(squares / np.square(np.maximum(sizes, 1.0)))
+
+
+def cells_of_pairs(first: AnyArray, second: AnyArray, shape: tuple[int, int]) -> scipy.sparse.csr_array:
+    """How many cells (n,) have each pair of these two numbers, which are below ``shape``."""
+    return scipy.sparse.coo_array((np.ones(len(first)), (first, second)), shape=shape).tocsr()
 
 
 def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> scipy.sparse.csc_array:
     """How far each footprint tells of each square (n_blocks, n_pixels): 1 where one lies inside the other."""
     known = pixel >= 0
-    code = block[known] * n_pixels + pixel[known]
-    codes, cells = np.unique(code, return_counts=True)
-    of_block, of_pixel = np.divmod(codes, n_pixels)
-    in_block, in_pixel = np.bincount(block[known], minlength=n_blocks), np.bincount(pixel[known], minlength=n_pixels)
-    weight = cells / np.minimum(in_block[of_block], in_pixel[of_pixel])
+    cells = cells_of_pairs(block[known], pixel[known], (n_blocks, n_pixels)).tocoo()
+    in_block, in_pixel = cells.sum(axis=1), cells.sum(axis=0)
+    of_block, of_pixel = cells.coords
+    weight = cells.data / np.minimum(in_block[of_block], in_pixel[of_pixel])
     return scipy.sparse.csc_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
 
 

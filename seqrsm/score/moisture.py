@@ -13,7 +13,7 @@ from seqrsm.errors import SceneError
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score.bare_soil import retrieved_fields
-from seqrsm.score.brightness import BLOCK_M, retrieved_squares
+from seqrsm.score.brightness import BLOCK_M, cells_of_pairs, retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
 from seqrsm.score.pixels import Image
 from seqrsm.score.utilities import Asked
@@ -142,9 +142,9 @@ def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArr
     else:
         mean = np.bincount(block, layer[field])[used] / np.bincount(block)[used]
         common = float(np.cov(mean, aweights=weight[used], ddof=0))
-    cells = np.unique(block.astype(np.int64) * scene.n_fields + field, return_counts=True)
-    of_block = np.bincount(cells[0] // scene.n_fields, np.square(cells[1].astype(np.float64)))[used]
-    single = float(weight[used] @ (of_block / np.square(np.bincount(block)[used])))
+    counts = cells_of_pairs(block, field, (len(weight), scene.n_fields))
+    of_block, sizes = counts.power(2).sum(axis=1)[used], counts.sum(axis=1)[used]
+    single = float(weight[used] @ (of_block / np.square(sizes)))
     single -= float(np.square(np.bincount(field) / len(field)).sum())  # what goes with the mean of all
     variance = common + sensor.soil_moisture_field_sd**2 * single
     return math.sqrt(variance) if variance > _DUST else 0.0
