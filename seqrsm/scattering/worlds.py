@@ -27,6 +27,7 @@ over one ground meet the same world on different occasions. Departures are norma
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -75,7 +76,7 @@ class World:
         ghz = emission_as_ghz(frequency_ghz) if emission else frequency_ghz
         deviate = _shared(self.seed, self.numbers(category), category, kin, ghz, 0)
         if not emission:
-            return _of_channel(deviate @ _BY_ANGLE, channel, np.arange(91.0))
+            return _of_channel(deviate @ _BY_ANGLE, channel, _OWN_BY_ANGLE)
         apart = _EMISSIVITY_OWN * _SLANT**2
         common, own = deviate[[0, _PARTS[channel]]] @ _BY_ANGLE
         return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * own)
@@ -121,6 +122,10 @@ def own_weights(channel: str, theta_deg: FloatArray | float) -> FloatArray:
     half = 0.5 * np.arcsin(1.0 - np.square(co_apart(theta_deg)))
     own, other, none = np.cos(half), np.sin(half), np.zeros_like(half)
     return np.stack({"HH": (own, none, other), "HV": (none, none + 1.0, none), "VV": (other, none, own)}[channel])
+
+
+_OWN_BY_ANGLE: Final = {channel: own_weights(channel, np.arange(91.0)) for channel in ("HH", "HV", "VV")}
+_OWN_OF_SEASON: Final = {channel: own_weights(channel, 90.0) for channel in ("HH", "HV", "VV")}
 
 
 def over_soil(
@@ -171,16 +176,17 @@ def _season(
     """See `World.season`."""
     harmonics = range(1, 1 + len(_HARMONICS))
     deviates = [
-        _of_channel(_shared(seed, numbers, category, kin, frequency_ghz, harmonic), channel) for harmonic in harmonics
+        _of_channel(_shared(seed, numbers, category, kin, frequency_ghz, harmonic), channel, _OWN_OF_SEASON)
+        for harmonic in harmonics
     ]
     return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
 
 
-def _of_channel(deviate: FloatArray, channel: str, theta_deg: FloatArray | float = 90.0) -> FloatArray:
-    """Values (n,) of a channel of backscatter at incidence angles, from those of all parts (parts, n)."""
+def _of_channel(deviate: FloatArray, channel: str, own_weights: Mapping[str, FloatArray]) -> FloatArray:
+    """Values (n,) of a channel of backscatter from those of all parts (parts, n), by `own_weights` of each channel."""
     common, co, *own = deviate[:5]
     co_share = 0.0 if channel == "HV" else _CO
-    single = sum(weight * part for weight, part in zip(own_weights(channel, theta_deg), own, strict=True))
+    single = sum(weight * part for weight, part in zip(own_weights[channel], own, strict=True))
     return np.asarray(
         math.sqrt(_COMMON) * common + math.sqrt(co_share) * co + math.sqrt(1.0 - _COMMON - co_share) * single
     )

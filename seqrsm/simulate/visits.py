@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from scipy.special import ndtr
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.remember import arrays_by_thread
 from seqrsm.rng import generator
 from seqrsm.scattering.worlds import drawn_by_frequency, related_by_frequency
@@ -124,23 +124,31 @@ def at_angle(visit: Visit, purpose: str, draw: Callable[[str], FloatArray]) -> F
 
 
 def over_dates(
-    visit: Visit, purpose: str, draw: Callable[[str], FloatArray], memory_days: float | FloatArray
+    visit: Visit,
+    purpose: str,
+    draw: Callable[[str], FloatArray],
+    memory_days: float | FloatArray,
+    of: IntArray | None = None,
 ) -> FloatArray:
     """What ``draw`` makes of a purpose's name on a visit, `changing` up to its date; without a day the first."""
     past = visit.days[: visit.number + 1] or (0.0,)
-    return changing([draw(Visit(past, t).dated(purpose)) for t in range(len(past))], past, memory_days)
+    return changing([draw(Visit(past, t).dated(purpose)) for t in range(len(past))], past, memory_days, of)
 
 
-def changing(draws: Sequence[FloatArray], days: Sequence[float], memory_days: float | FloatArray) -> FloatArray:
-    """Last value (n,) of a smooth standard series, related by 1/e after ``memory_days`` (n,); a draw (n,) a day.
+def changing(
+    draws: Sequence[FloatArray], days: Sequence[float], memory_days: float | FloatArray, of: IntArray | None = None
+) -> FloatArray:
+    """Last value (n,) of a smooth standard series, related by 1/e after ``memory_days``; a draw (n,) a day.
+
+    Each value has a memory of its own, or all the same, or that which ``of`` (n,) tells by its place.
 
     Matérn's covariance of order 3/2 (Rasmussen and Williams 2006, eq. 4.17): what is different after hours grows with
     the time between them, not with its root, which would tell covers apart by two dates of one day.
     """
-    memories, of = np.unique(memory_days, return_inverse=True)
-    x = _TO_ONE_E * np.abs(np.subtract.outer(days, days)) / memories[:, None, None]
-    weights = np.linalg.cholesky(np.where(x > 0.0, _NEARLY, 1.0) * (1.0 + x) * np.exp(-x))[:, -1]
-    return np.asarray(sum(weight[of] * draw for weight, draw in zip(weights.T, draws, strict=True)))
+    x = _TO_ONE_E * np.abs(np.subtract.outer(days, days)) / np.asarray(memory_days)[..., None, None]
+    weights = np.linalg.cholesky(np.where(x > 0.0, _NEARLY, 1.0) * (1.0 + x) * np.exp(-x))[..., -1, :].T
+    each = (weight if of is None else weight[of] for weight in weights)
+    return np.asarray(sum(weight * draw for weight, draw in zip(each, draws, strict=True)))
 
 
 def half_lasting(

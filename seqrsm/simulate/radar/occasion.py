@@ -149,7 +149,8 @@ def draw_occasion(
     calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(LAYERS))
     height = generator(seed, run_id, "roughness").standard_normal(known.size)
     for c, channel, lookup in _recorded(radar, lookups):
-        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, GROUND_OF[channel], theta, lookup.channel_correlation)
+        of, related = GROUND_OF[channel], lookup.channel_correlation
+        draw = _Draws(visit, seed, run_id, radar.frequency_ghz, of, own_weights(of, theta), related)
         sd, rough = lookup.of_fields_db(theta)
         if visit.day is None or lookup.course is None:
             date, soil = draw("date backscatter", n_categories), draw("date bare soil", 1)
@@ -176,7 +177,8 @@ class _Draws:
     run_id: int
     frequency_ghz: float
     channel: str
-    theta_deg: float
+    own: FloatArray
+    """Of `own_weights`."""
     shared: float
 
     def of_fields(self, purpose: str, n: int) -> FloatArray:
@@ -186,7 +188,7 @@ class _Draws:
     def __call__(self, purpose: str, n: int, own_share: float = 0.0) -> FloatArray:
         shape = 1 + len(POLARIZATIONS), n
         drawn = kept_deviates(self.seed, self.run_id, purpose, shape, self.frequency_ghz, own_share)
-        return _mixed(drawn, own_weights(self.channel, self.theta_deg), self.shared)
+        return _mixed(drawn, self.own, self.shared)
 
 
 def _mixed(drawn: FloatArray, own: FloatArray, shared: float) -> FloatArray:
@@ -220,8 +222,8 @@ def _dated(
     offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
     lasts = draw.of_fields("lasting backscatter", category.size)
     fades, quick = (
-        over_dates(visit, name, lambda name: draw.of_fields(name, category.size), days)
-        for name, days in (("field backscatter", course.memory_days[category]), ("field weather", FAST_DAYS))
+        over_dates(visit, name, lambda name: draw.of_fields(name, category.size), days, of)
+        for name, days, of in (("field backscatter", course.memory_days, category), ("field weather", FAST_DAYS, None))
     )
     spread = np.square(sd)
     lasting, fading = course.lasting_share * spread, (1.0 - course.lasting_share) * spread
