@@ -114,7 +114,7 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
         lookups = look_up(scene, sensor, table, state, day)
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
     short = [one for one in frame_limits(sensor, frame) if one.margin < 1.0]
-    notes += [f"{CANNOT_BE_BUILT}, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
+    notes += [f"{CANNOT_BE_BUILT} ({one.name}): {one.text} (margin {one.margin:.2g})" for one in short]
     return (*notes, *tops_counted_twice(frame), *blind_channels(sensor, frame, lookups))
 
 

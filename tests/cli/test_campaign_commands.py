@@ -546,7 +546,7 @@ def test_check_tells_the_margin_of_a_satellites_data_rate(tmp_path, tiny_scene) 
     done = CliRunner().invoke(app, ["run", str(folder), "--max-runs", "12"])
     assert done.exit_code in (0, 3)
     for told in (done.stdout, ok("status", folder)):
-        assert "At these settings this radar cannot be built, speed against orbit" in " ".join(told.split())
+        assert "At these settings this radar cannot be built (speed against orbit)" in " ".join(told.split())
     rate = json.loads(ok("check", folder, "--json"))["hardware"][-1]
     asked, margin = (float(rate.partition(word)[2].split()[0].rstrip(":")) for word in (": ", "margin "))
     assert margin == pytest.approx(3500.0 / asked, rel=0.01)
@@ -621,10 +621,10 @@ def test_the_report_warns_of_a_recommended_radar_that_cannot_be_built(copy) -> N
     (copy / "scene.npz").write_bytes(scene)
     ok("report", copy, "--html", copy / "after.html")
     told = json.loads(ok("fit", copy, "--json"))
-    assert any("cannot be built, gain against beam" in text for text in told["warnings"])
+    assert any("cannot be built (gain against beam)" in text for text in told["warnings"])
     # Of the compromise in the summary, and of the optimum of the application alone in its section.
     for part in (copy / "after.html").read_text(encoding="utf-8").split("Overall desirability"):
-        assert "this radar cannot be built, gain against beam" in part
+        assert "this radar cannot be built (gain against beam)" in part
 
 
 def test_check_begins_with_the_application_farthest_from_its_targets(tmp_path, tiny_scene) -> None:
