@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.cli.console import line, show_table
-from seqrsm.report.sections.sources import group_notes
+from seqrsm.report.sections.sources import _cover_table, group_notes
 
 NOTES = (
     "Wheat: short vegetation (computed: flevoland)",
@@ -132,6 +132,14 @@ def test_an_error_is_wrapped_at_words(tiny: Path) -> None:
     words = " ".join(lines)
     assert "altitude_m" in words
     assert "[simulator.fixed]" in words
+
+
+def test_statements_on_a_cover_stand_together_and_those_on_every_cover_last() -> None:
+    notes = ("Water: a.", "Soil: b.", "Water: c.", "Soil: c.", "Water: wind 4 m/s.", "Soil: wet.", "Water: wind 2 m/s.")
+    shown = [tuple(cell.text for cell in row) for row in _cover_table(group_notes(notes, ("Water", "Soil"))[0]).rows]
+    covers = [cover for cover, _ in shown]
+    assert covers == ["Water", "Water", "Water", "Soil", "Soil", "every cover"]
+    assert [text.lower() for _, text in shown[:3]] == ["a.", "wind 4 m/s.", "wind 2 m/s."]
 
 
 def test_notes_are_grouped_by_what_they_are_about():

@@ -276,9 +276,10 @@ def group_notes(notes: Iterable[str], categories: Sequence[str]) -> tuple[AboutC
 
 
 def _cover_table(about_covers: AboutCovers) -> Table:
-    rows = []
-    for text, names in about_covers.items():
-        everyone = len(names) > 1 and set(names) == {n for known in about_covers.values() for n in known}
+    rows, covers = [], list(dict.fromkeys(name for names in about_covers.values() for name in names))
+    # What is said of one cover stands together, though its moistures and winds of later dates are met last.
+    for text, names in sorted(about_covers.items(), key=lambda row: covers.index(row[1][0])):
+        everyone = len(names) > 1 and set(names) == set(covers)
         subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
         rows.append((subject, _sentence(text)))
     rows.sort(key=lambda row: row[0] == "every cover")
