@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -201,9 +200,15 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws, t
 
 def _possible(estimate: OptimumEstimate, low: float, high: float) -> OptimumEstimate:
     """The estimate cut to possible scores; half-widths that the stop rule watches are not shortened by that."""
-    kinds = ("confidence", "prediction", "prediction_mean", "whole", "by_chance")
-    cut: dict[str, Any] = {kind: getattr(estimate, kind).within(low, high) for kind in kinds}
-    return replace(estimate, mean=min(max(estimate.mean, low), high), **cut)
+    return replace(
+        estimate,
+        mean=min(max(estimate.mean, low), high),
+        confidence=estimate.confidence.within(low, high),
+        prediction=estimate.prediction.within(low, high),
+        prediction_mean=estimate.prediction_mean.within(low, high),
+        whole=estimate.whole.within(low, high),
+        by_chance=estimate.by_chance.within(low, high),
+    )
 
 
 def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -> list[FactorImportance]:

@@ -16,6 +16,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.experiment import see_utilities
 from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
+from seqrsm.design.region import ROUNDING
 from seqrsm.errors import Problem, SpecError
 from seqrsm.plain import few, more_rows
 from seqrsm.score.cells import WORDS_FOR_NOTHING, is_sentinel
@@ -148,7 +149,7 @@ def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
         for row in file.scores:
             value = float(row.settings[factor.name])
             coded = abs(float(factor.code([value])[0]))
-            if coded <= 1.0 + 1e-9:
+            if coded <= 1.0 + ROUNDING:
                 continue
             unit = next((one for one in units_like(factor.unit) if _fits(factor, value, one)), "")
             if coded > FAR or (unit and not _close(unit, factor.unit)):

@@ -26,7 +26,7 @@ from seqrsm.campaign.simulation import (
 )
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import ContinuousFactor, DiscreteFactor, settings_text, with_units
-from seqrsm.design.region import Region
+from seqrsm.design.region import ROUNDING, Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, SceneError, UserError
 from seqrsm.files import see_writable
 from seqrsm.progress import tell
@@ -217,7 +217,7 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
             allowed = " or ".join(f"{value:g}" for value in factor.values)
         else:
             assert isinstance(factor, ContinuousFactor)
-            inside, allowed = abs(point[0, j]) <= 1.0 + 1e-9, f"{factor.low:g} to {factor.high:g}"
+            inside, allowed = abs(point[0, j]) <= 1.0 + ROUNDING, f"{factor.low:g} to {factor.high:g}"
         if not inside:
             remedy = f"Give {allowed} {factor.unit}".rstrip() + "."
             text, value = "outside the campaign's region", settings[factor.name]

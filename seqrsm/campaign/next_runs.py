@@ -16,7 +16,7 @@ from seqrsm.analysis.surfaces import expected_of_flights
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import blocks_within, source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
-from seqrsm.design.region import Region
+from seqrsm.design.region import ROUNDING, Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import FOR_THE_OPTIMUM, PLAN, Proposal, Spread, propose_batch
@@ -377,7 +377,7 @@ def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float
         rounded = dict(settings)
         for factor, place in zip(region.factors, point, strict=True):
             # A bound is a number the user wrote.
-            if not isinstance(factor, CategoricalFactor) and abs(place) < 1.0 - 1e-9:
+            if not isinstance(factor, CategoricalFactor) and abs(place) < 1.0 - ROUNDING:
                 rounded[factor.name] = plain_setting(factor, float(settings[factor.name]))
         found.append(rounded if region.feasible(region.code([rounded]))[0] else _rounded_inside(region, point, rounded))
     return found

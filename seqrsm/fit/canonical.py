@@ -29,7 +29,7 @@ import numpy as np
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel, Quadratics
-from seqrsm.design.region import Region
+from seqrsm.design.region import ROUNDING, Region
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
@@ -189,7 +189,7 @@ def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...] | F
 
 def _inside(region: Region, point: FloatArray) -> bool:
     # Bounds and constraints only; a point computed to lie on a bound may miss it by rounding, and nan lies nowhere.
-    inside = bool(np.all(np.abs(point[list(region.numeric)]) <= 1.0 + 1e-9))
+    inside = bool(np.all(np.abs(point[list(region.numeric)]) <= 1.0 + ROUNDING))
     return inside and bool(region.allowed(point[None, :])[0])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel, Quadratics
-from seqrsm.design.region import Region
+from seqrsm.design.region import ROUNDING, Region
 from seqrsm.fit.constrained import climb, line_ascent, polish
 from seqrsm.fit.faces import (
     cube_maxima,
@@ -90,7 +90,7 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
 
 def at_bound(region: Region, point: FloatArray) -> dict[str, str]:
     """Numeric factors of ``point`` (k,) that lie at an end of their range, and which: "low" or "high"."""
-    ends = [j for j in region.numeric if abs(point[j]) >= 1.0 - 1e-9]
+    ends = [j for j in region.numeric if abs(point[j]) >= 1.0 - ROUNDING]
     return {region.names[j]: "high" if point[j] > 0.0 else "low" for j in ends}
 
 

@@ -400,14 +400,14 @@ class Process:
         # The spectrum of a Matern 5/2 covariance is Student's distribution with 5 degrees of freedom.
         waves = rng.standard_normal((_FEATURES, h.lengths.shape[1]))
         waves /= np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
-        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
+        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES).astype(np.float32)
         sizes = [len(f.levels) for f in self.model.factors if isinstance(f, CategoricalFactor)]
         levels = np.array(list(itertools.product(*(range(size) for size in sizes))), dtype=np.float64)
         apart = np.sum(levels[:, None] != levels[None, :], axis=-1)
         factor = np.linalg.cholesky(h.between**apart + _JITTER * np.eye(len(levels)))
         heights = factor @ rng.standard_normal((len(levels), _FEATURES)) * h.process * np.sqrt(2.0 / _FEATURES)
         # A cosine of 32 bits takes a thirtieth of the time, and so many waves are off by 3 % anyway.
-        narrow = [part.astype(np.float32) for part in (waves.T, phases, heights)]
+        across, height_of = waves.T.astype(np.float32), heights.astype(np.float32)
         slopes, middle = rng.standard_normal(len(self._columns)), np.sqrt(_VAGUE) * rng.standard_normal()
         differs = h.difference * rng.standard_normal(self._difference.shape[1])
 
@@ -415,10 +415,10 @@ class Process:
             which = np.argmin(np.sum(at.levels[:, None] != levels[None], axis=-1), axis=1)
             found = np.empty(len(which))
             for some in _in_cache(len(which), _FEATURES):
-                waved = at.scaled[0, some].astype(np.float32) @ narrow[0]
-                waved += narrow[1]
+                waved = at.scaled[0, some].astype(np.float32) @ across
+                waved += phases
                 waved = np.cos(waved, out=waved)
-                waved *= narrow[2][which[some]]
+                waved *= height_of[which[some]]
                 found[some] = waved.sum(axis=1)
             return np.asarray(found + at.rows[0] @ slopes + middle + at.difference @ differs)
 

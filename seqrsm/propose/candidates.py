@@ -162,5 +162,5 @@ def _candidate_points(known: Known, done: FloatArray, rng: np.random.Generator) 
     points = np.vstack([done, fresh])
     executed = np.arange(len(points)) < len(done)
     keep = np.sort(np.unique(np.round(points, 9) + 0.0, axis=0, return_index=True)[1])
-    keep = keep[region.feasible(points[keep], tol=1e-9)]
+    keep = keep[region.feasible(points[keep])]
     return points[keep], executed[keep]

@@ -109,7 +109,7 @@ class Cloud:
         ``sign`` is 1 where the score is maximized, -1 where minimized; runs at ``pending`` (w, k) have no score yet.
         """
         process = process.some(FEW)
-        still = made[region.feasible(made, tol=1e-9)]
+        still = made[region.feasible(made)]
         cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), still])
         of_draws = sign * process.means(cover)
         heights = of_draws.mean(axis=0)
@@ -124,7 +124,7 @@ class Cloud:
         others = region.sample(_ASIDE * region.k, rng)
         moved = rng.random(others.shape) < 2.0 / region.k
         fresh = np.vstack([fresh, np.where(moved, others, peak[rng.integers(len(peak), size=len(others))])])
-        fresh = fresh[region.feasible(fresh, tol=1e-9)]
+        fresh = fresh[region.feasible(fresh)]
         still = still[np.argsort(-heights[1 + _COVER :], kind="stable")[:_AGAIN]]
         still = still if pending is None else np.vstack([still, pending])
         both = np.vstack([still, fresh])
@@ -200,7 +200,7 @@ def propose_from_process(
         ahead.count(place, blocks.index(block) - len(blocks))
     draws = cloud.draws(_DRAWS_OF_EACH, rng)
     best = np.argmax(draws, axis=1)
-    inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
+    inside = region.feasible(cloud.points)  # a pending run need not be
     allowed = clear_of(cloud.points, runs.barred, region) & inside
     allowed = allowed if allowed.any() else inside
     executed = cloud.executed.copy()

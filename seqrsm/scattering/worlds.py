@@ -182,11 +182,11 @@ def _season(
     return np.asarray(np.concatenate(deviates) @ _anchored(level_days)[0])
 
 
-def _of_channel(deviate: FloatArray, channel: str, own_weights: Mapping[str, FloatArray]) -> FloatArray:
+def _of_channel(deviate: FloatArray, channel: str, own_of: Mapping[str, FloatArray]) -> FloatArray:
     """Values (n,) of a channel of backscatter from those of all parts (parts, n), by `own_weights` of each channel."""
     common, co, *own = deviate[:5]
     co_share = 0.0 if channel == "HV" else _CO
-    single = sum(weight * part for weight, part in zip(own_weights[channel], own, strict=True))
+    single = sum(weight * part for weight, part in zip(own_of[channel], own, strict=True))
     return np.asarray(
         math.sqrt(_COMMON) * common + math.sqrt(co_share) * co + math.sqrt(1.0 - _COMMON - co_share) * single
     )

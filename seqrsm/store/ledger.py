@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from dataclasses import fields
+from typing import Any, TypeVar, cast
 
 import sqlalchemy as sa
 
@@ -12,7 +13,7 @@ from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain, shallow
 from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
-from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord, typed
+from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.store.schema import EVENTS, RUNS, SCORES, TRANSITIONS
 
 T = TypeVar("T")
@@ -70,11 +71,11 @@ class Ledger:
         return tuple(self.connection.execute(query).scalars())
 
     def records(self, kind: Callable[..., T], table: sa.Table, *where: sa.ColumnElement[bool]) -> Iterator[T]:
-        """Rows of a table that meet the conditions, in order and one by one, as records that have its columns.
+        """Rows of a table that meet the conditions, in order and one by one, as records whose fields are its columns.
 
-        A record that has one field less than the table has columns does without the row's number.
+        A field of another name, such as that of an event's number, is the row's number.
         """
-        columns = list(table.c)[-len(typed(kind)) :]
+        columns = [table.c.get(field.name, table.c.id) for field in fields(cast(Any, kind))]
         return (kind(*row) for row in self.connection.execute(sa.select(*columns).where(*where).order_by(table.c.id)))
 
     def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:

@@ -50,7 +50,8 @@ def ingest_files(ledger: Ledger, files: Sequence[IngestedFile]) -> tuple[IngestO
 
 
 def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> IngestOutcome:
-    already = next(ledger.records(FileRecord, FILES, FILES.c.sha256 == file.sha256), None)
+    same = tuple(ledger.records(FileRecord, FILES, FILES.c.sha256 == file.sha256))
+    already = same[0] if same else None
     query = sa.select(RUNS.c.replaces, RUNS.c.id).where(RUNS.c.replaces.is_not(None))
     heirs = {row.replaces: row.id for row in ledger.connection.execute(query)}
     void = {run.run_id for run in ledger.runs(RUNS.c.state == "void")} - heirs.keys()

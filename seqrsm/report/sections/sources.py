@@ -277,17 +277,17 @@ def group_notes(notes: Iterable[str], categories: Sequence[str]) -> tuple[AboutC
 
 def _cover_table(about_covers: AboutCovers) -> Table:
     rows, covers = [], list(dict.fromkeys(name for names in about_covers.values() for name in names))
-    # What is said of one cover stands together, though its moistures and winds of later dates are met last.
-    for text, names in sorted(about_covers.items(), key=lambda row: covers.index(row[1][0])):
+    for text, names in about_covers.items():
         everyone = len(names) > 1 and set(names) == set(covers)
         subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
-        rows.append((subject, _sentence(text)))
-    rows.sort(key=lambda row: row[0] == "every cover")
+        rows.append((everyone, covers.index(names[0]), (subject, _sentence(text))))
+    # What is said of one cover stands together, though its moistures and winds of later dates are met last.
+    rows.sort(key=lambda row: row[:2])
     caption = (
         "Source of the mean backscatter of each cover, for all images of this report. In brackets its status "
         "(measured, public, public_code of a published program, computed or assumed) and its name in the data"
     )
-    return table(caption, ("Cover", "Statement"), rows)
+    return table(caption, ("Cover", "Statement"), [row for *_, row in rows])
 
 
 def _channel_table(about_channels: AboutChannels) -> Table:
