@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design import search
@@ -261,9 +262,10 @@ class Region(OfFactors):
         """
         numeric = list(self.numeric)
         found: FloatArray = 1.0 - np.max(np.abs(at[:, list(self.continuous)]), axis=1, initial=0.0)
-        for run in np.unique(runs[:, numeric], axis=0):
-            np.minimum(found, np.max(np.abs(at[:, numeric] - run), axis=1, initial=0.0), out=found)
-        return found
+        if not numeric:
+            return np.minimum(found, 0.0)
+        nearest, _ = scipy.spatial.KDTree(runs[:, numeric]).query(at[:, numeric], p=np.inf)
+        return np.minimum(found, nearest)
 
     def at_other_levels(self, points: FloatArray) -> FloatArray:
         """Points (n, k) with one discrete or categorical factor moved, to each of its levels; constraints apart."""
