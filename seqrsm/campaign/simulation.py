@@ -104,7 +104,15 @@ def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acq
     except ConfigurationError as error:
         if not member.name:
             raise
-        told = (replace(p, message=f"sensor {member.name} of the set: {p.message}") for p in error.problems)
+        own = f"[simulator.fixed] or, for {member.name} alone, [simulator.members.{member.name}]"
+        told = (
+            replace(
+                p,
+                message=f"sensor {member.name} of the set: {p.message}",
+                remedy=p.remedy.replace("[simulator.fixed]", own),
+            )
+            for p in error.problems
+        )
         raise ConfigurationError(*told) from error
     if not days:
         return [Acquisition(member.name, member.engine, sensor, Visit(member=number))]

@@ -415,7 +415,8 @@ def test_what_one_sensor_of_a_set_lacks_is_not_mended_by_a_range(tmp_path) -> No
     file = tmp_path / "c" / "campaign.toml"
     file.write_text(file.read_text(encoding="utf-8").replace('polarization = "HH+HV"', ""), encoding="utf-8")
     told = call("check", tmp_path / "c", code=2)
-    assert "polarization: sensor L of the set: missing. Make it a factor or give it under [simulator.fixed]" in told
+    where = "[simulator.fixed] or, for L alone, [simulator.members.L]"
+    assert f"polarization: sensor L of the set: missing. Make it a factor or give it under {where}: " in told
     assert "for instance at frequency L, " in told
     assert "Narrow" not in told
 
