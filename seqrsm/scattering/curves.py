@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.constants import wavenumber_rad_m
+from seqrsm.scattering.levels import HH_OVER_VV, Lifts, holds, regression_of
 from seqrsm.scattering.models import (
     Backscatter,
     backscatter_layer_ulaby14,
@@ -162,7 +163,7 @@ class _Parameters:
 
     def get(self, name: str, frequency_ghz: float | None = None, polarization: str = "") -> float:
         for row in self.rows:
-            if row.text("parameter") == name and _holds(row, frequency_ghz, polarization):
+            if row.text("parameter") == name and holds(row, frequency_ghz, polarization):
                 return float(row.text("value"))
         raise KeyError(name)  # a gap in the shipped file, not a user's error
 
@@ -187,13 +188,15 @@ def shipped_curves() -> dict[tuple[str, str], Curve]:
         "oh04": _soil_curve, "oh92": _ground_curve, "layer": _forest_curve, "water": _water_curve,
         "constant_gamma": _gamma_curve,
     }  # fmt: skip
+    categories = shipped_rows("categories.csv")
+    lifts = Lifts.of(levels, regressions, {r.text("category"): r.text("base") for r in categories})
     curves: dict[tuple[str, str], Curve] = {}
-    for row in shipped_rows("categories.csv"):
+    for row in categories:
         category = row.text("category")
         own = _Parameters(tuple(p for p in parameters if p.text("category") == category))
         if row.text("model") == "ulaby_dobson":
             classes = [r for r in regressions if r.text("class") == row.text("base")]
-            curve = _regression_curve(row, classes, [r for r in levels if r.text("category") == category])
+            curve = _regression_curve(row, classes, [r for r in levels if r.text("category") == category], lifts)
         elif row.text("model") == "mix":
             curve = _mixed_curve(row, curves)
         else:
@@ -207,16 +210,10 @@ def weakest(statuses: Iterable[str]) -> str:
     return max(statuses, key=STATUSES.index)
 
 
-def _holds(row: Row, frequency_ghz: float | None, channel: str) -> bool:
-    """Whether a row is of a node and channel; an empty frequency or polarization holds for all."""
-    at = row.text("frequency_ghz")
-    return (not at or float(at) == frequency_ghz) and row.text("polarization") in ("", channel)
-
-
 def _statuses(rows: Sequence[Row], frequency_ghz: Sequence[float] | FloatArray) -> Statuses:
     """Weakest status of the rows of each node and channel."""
     return tuple(
-        tuple(weakest(r.text("status") for r in rows if _holds(r, float(f), p)) for p in POLARIZATIONS)
+        tuple(weakest(r.text("status") for r in rows if holds(r, float(f), p)) for p in POLARIZATIONS)
         for f in frequency_ghz
     )
 
@@ -252,35 +249,36 @@ def _curve(
     )
 
 
-def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
-    """Ulaby and Dobson's class regression, moved at each node to the category's own levels.
+def _regression_curve(row: Row, classes: list[Row], levels: list[Row], lifts: Lifts) -> Curve:
+    """Ulaby and Dobson's class regression, moved at each node to the level that the category is expected to have.
 
     HH is moved as VV, and by what sources of both say of their difference. X and Ku bands go with the last node.
     """
+    category = row.text("category")
     nodes = sorted({float(r.text("frequency_ghz")) for r in classes})
     value = np.full((len(nodes), 3, THETA_DEG.size), np.nan)
     move = np.full((len(nodes), 3), np.nan)
     status = [[""] * 3 for _ in nodes]
-    of_source: list[list[dict[str, float]]] = [[{} for _ in range(3)] for _ in nodes]
     for r in classes:
         frequency, channel = float(r.text("frequency_ghz")), r.text("polarization")
         n, p = nodes.index(frequency), POLARIZATIONS.index(channel)
-        parameters = [float(r.text(f"p{i}")) for i in range(1, 7)]
-        value[n, p] = backscatter_ulaby89_db(parameters, MODEL_THETA)
-        own = [x for x in levels if _holds(x, frequency, channel)]
+        value[n, p] = backscatter_ulaby89_db(regression_of(r), MODEL_THETA)
+        own = [x for x in levels if holds(x, frequency, channel)]
         status[n][p] = weakest([row.text("status"), r.text("status"), *(x.text("status") for x in own)])
         if own:
-            of_source[n][p] = _departures(own, parameters)
-            move[n, p] = np.mean([*of_source[n][p].values()])
-    for like, of, (hh, _, vv) in zip(status, move, of_source, strict=True):
-        if hh.keys() != vv.keys() and vv:
-            of[0] = of[2] + np.mean([hh[name] - vv[name] for name in hh] or 0.0)
+            move[n, p] = lifts.expected(category, frequency, channel)
+    for frequency, like, of in zip(nodes, status, move, strict=True):
+        hh, vv = (lifts.sources(category, frequency, channel) for channel in ("HH", "VV"))
+        if vv and hh != vv:
+            of[0] = of[2] + lifts.expected(category, frequency, HH_OVER_VV)
             if not hh:
                 like[0] = weakest(["computed", like[2]])
     _fill_gaps(nodes, move, status)
     moved = np.pad(value + move[:, :, None], ((0, len(_HIGH_BANDS_GHZ)), (0, 0), (0, 0)), mode="edge")
     kinds = sorted({f"{r.text('status')}: {r.text('source')}" for r in levels})
-    notes = [f"level, with the regression's course over angle ({'; '.join(kinds)})"] if kinds else []
+    drawn = any(r.text("status") == "measured" for r in levels)
+    told = f"level{', drawn to that of all covers,' * drawn} with the regression's course over angle"
+    notes = [f"{told} ({'; '.join(kinds)})"] if kinds else []
     notes.append("X and Ku bands at the level of C band (assumed: assumed_high_bands)")
     assumed = (("assumed",) * 3,) * len(_HIGH_BANDS_GHZ)
     return _curve(row, [*nodes, *_HIGH_BANDS_GHZ], moved, notes=notes, status=(*(tuple(s) for s in status), *assumed))
@@ -296,15 +294,6 @@ def _fill_gaps(nodes: Sequence[float], move: FloatArray, status: list[list[str]]
             if told.size and told[0] < n < told[-1]:
                 move[n, p] = np.interp(at[n], at[told], move[told, p])
                 status[n][p] = weakest(["computed", *(status[k][p] for k in told)])
-
-
-def _departures(levels: list[Row], parameters: Sequence[float]) -> dict[str, float]:
-    """How far levels lie above a class regression, mean of each source [dB]."""
-    found: dict[str, list[float]] = {}
-    for x in levels:
-        there = float(backscatter_ulaby89_db(parameters, math.radians(float(x.text("theta_deg")))))
-        found.setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
-    return {source: float(np.mean(own)) for source, own in found.items()}
 
 
 def _soil_curve(row: Row, own: _Parameters) -> Curve:

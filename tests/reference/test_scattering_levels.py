@@ -16,6 +16,7 @@ import scipy
 from seqrsm.scattering.models import backscatter_ulaby89_db
 from seqrsm.scattering.readers import POLARIZATIONS, shipped_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.simulate.visits import ANGLE_DEG, related_fields
 
@@ -101,7 +102,7 @@ def formula_db(base: str, band: str, channel: str, theta: float) -> float:
 
 
 def base_of(category: str) -> str:
-    return "grass" if category in GROUPS["grass"] else "short_vegetation"
+    return "grass" if category in (*GROUPS["grass"], "Hay") else "short_vegetation"
 
 
 def levels_of_1991(sentinel: dict[tuple[str, str, str], float]) -> dict[tuple[str, str, str], float]:
@@ -180,27 +181,30 @@ def test_every_measured_level_is_what_its_source_says() -> None:
             assert float(r.text("theta_deg")) == pytest.approx(incidence_deg(place), abs=0.06)
 
 
-def test_hh_of_c_band_differs_from_vv_as_on_the_only_ground_where_both_were_measured() -> None:
-    """Level of HH: that of VV, over all grounds, and their difference on the flight of 1991."""
+def test_hh_of_c_band_differs_from_vv_half_as_on_the_only_ground_where_both_were_measured() -> None:
+    """Level of HH: that of VV, and half-way between their difference on the flight of 1991 and its mean over covers."""
+    own, on_flight = {}, {}
     for category in ("Wheat", "Oats", "Rapeseed", "Grass", "Forage", "Vegetables"):
+        hh, vv = (formula_db(base_of(category), "C", channel, 38.0) for channel in ("HH", "VV"))
         off = []
         for crop, row in flight_1991().items():
             if FLIGHT_1991[crop] == category:
                 theta = incidence_deg(row["mean_range_column"])
-                here, there = (
-                    formula_db(base_of(category), "C", "HH", t) - formula_db(base_of(category), "C", "VV", t)
-                    for t in (38.0, theta)
+                there = formula_db(base_of(category), "C", "HH", theta) - formula_db(
+                    base_of(category), "C", "VV", theta
                 )
                 # The course of a cereal's HH on that day is half that of VV.
                 day = [db(category, 5.4, p, 40.0, day=166) - db(category, 5.4, p, 40.0) for p in ("HH", "VV")]
-                off.append(float(row["hh_dB"]) - float(row["vv_dB"]) - day[0] + day[1] + here - there)
-        own = db(category, 5.4, "HH", 38.0) - db(category, 5.4, "VV", 38.0)
-        assert own == pytest.approx(np.mean(off), abs=0.02), category
+                off.append(float(row["hh_dB"]) - float(row["vv_dB"]) - day[0] + day[1] - there)
+        on_flight[category] = np.mean(off)
+        own[category] = db(category, 5.4, "HH", 38.0) - db(category, 5.4, "VV", 38.0) - hh + vv
+    middle = np.mean([*on_flight.values()])
+    assert own == pytest.approx({c: 0.5 * (off + middle) for c, off in on_flight.items()}, abs=0.02)
 
 
 @pytest.mark.parametrize("channel", POLARIZATIONS)
 def test_l_band_is_where_the_flight_found_it(channel: str) -> None:
-    """Covers of the flight: rms 1.5 dB from the table (crops within a category differ), no mean shift of 1 dB.
+    """Covers of the flight: rms 2.0 dB from the table, which expects less of each than one ground has; no mean shift.
 
     Until levels were measured ones, crops and grass lay 5 to 11 dB below the flight.
     """
@@ -212,7 +216,7 @@ def test_l_band_is_where_the_flight_found_it(channel: str) -> None:
         for n in names
     ]
     assert abs(np.mean(off)) < 1.0
-    assert np.sqrt(np.mean(np.square(off))) < 1.8
+    assert np.sqrt(np.mean(np.square(off))) < 2.1
 
 
 def test_bare_soil_is_brighter_at_vv_than_at_hh() -> None:
@@ -252,10 +256,78 @@ def test_crops_of_a_site_that_no_level_rests_on_lie_as_near_as_their_error_says(
 
 def test_crops_differ_by_themselves_at_c_band() -> None:
     """C-band differences are measured at C band, not L-band differences carried there."""
-    assert db("Wheat", 5.4, "VV", 38.0) == pytest.approx(-11.4, abs=0.1)
-    assert db("Corn", 5.4, "VV", 38.0) == pytest.approx(-9.6, abs=0.1)
-    assert db("Vegetables", 1.25, "VV", 40.0) - db("Wheat", 1.25, "VV", 40.0) > 2.0
-    assert abs(db("Vegetables", 5.4, "VV", 38.0) - db("Wheat", 5.4, "VV", 38.0)) < 1.5
+    assert db("Wheat", 5.4, "VV", 38.0) == pytest.approx(-11.1, abs=0.1)
+    assert db("Corn", 5.4, "VV", 38.0) == pytest.approx(-9.8, abs=0.1)
+    assert db("Vegetables", 1.25, "VV", 40.0) - db("Wheat", 1.25, "VV", 40.0) > 1.2
+    assert abs(db("Vegetables", 5.4, "VV", 38.0) - db("Wheat", 5.4, "VV", 38.0)) < 1.0
+
+
+def lifts() -> dict[tuple[str, str], dict[str, dict[str, float]]]:
+    """Measured levels above the regressions of their classes [dB], by band and channel, cover and ground."""
+    found: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(lambda: defaultdict(dict))
+    for r in shipped_rows("levels.csv"):
+        if r.text("status") == "measured":
+            category, channel = r.text("category"), r.text("polarization")
+            band = "L" if r.text("frequency_ghz") == "1.25" else "C"
+            above = float(r.text("sigma0_db")) - formula_db(
+                base_of(category), band, channel, float(r.text("theta_deg"))
+            )
+            found[band, channel][category].setdefault(r.text("source"), []).append(above)
+    return {
+        place: {c: {s: float(np.mean(v)) for s, v in of.items()} for c, of in covers.items()}
+        for place, covers in found.items()
+    }
+
+
+@pytest.mark.parametrize(("band", "ghz"), [("L", 1.25), ("C", 5.4)])
+@pytest.mark.parametrize("channel", ["HV", "VV"])
+def test_a_level_is_what_the_equations_of_a_mixed_model_expect_of_another_ground(band: str, ghz: float, channel: str):
+    """Henderson's equations, with effects of covers that have the variance of what grounds add to each."""
+    covers = lifts()[band, channel]
+    rows = [(k, value) for k, of in enumerate(covers.values()) for value in of.values()]
+    z = np.array([[k == j for j in range(len(covers))] for k, _ in rows], dtype=float)
+    middle = np.mean([np.mean([*of.values()]) for of in covers.values()])
+    effects = np.linalg.solve(z.T @ z + np.eye(len(covers)), z.T @ (np.array([value for _, value in rows]) - middle))
+    for category, effect in zip(covers, effects, strict=True):
+        expected = middle + effect + formula_db(base_of(category), band, channel, 40.0)
+        assert db(category, ghz, channel, 40.0) == pytest.approx(expected, abs=0.02), category
+
+
+def test_levels_drawn_to_their_middle_foretell_a_ground_that_was_left_out() -> None:
+    """Contrasts of its covers: an error of 2.7 dB with the means of other grounds, of 2.2 dB with those drawn so."""
+    left: dict[int, list[float]] = {0: [], 1: []}
+    for covers in lifts().values():
+        grounds = {s for of in covers.values() for s in of}
+        for ground in grounds if len(grounds) > 1 else ():
+            others = {c: [v for s, v in of.items() if s != ground] for c, of in covers.items()}
+            middle = np.mean([np.mean(v) for v in others.values() if v])
+            both = [c for c, v in others.items() if v and ground in covers[c]]
+            for more, found in left.items():
+                off = [covers[c][ground] - np.mean([*others[c], *[middle] * more]) for c in both]
+                found += list(np.square(off - np.mean(off))) if len(both) > 1 else []
+    plain, drawn = (np.sqrt(np.mean(found)) for found in left.values())
+    assert drawn < 0.85 * plain
+
+
+@pytest.mark.parametrize(("band", "ghz", "channels"), [("L", 1.25, POLARIZATIONS), ("C", 5.4, ("HV", "VV"))])
+def test_crops_of_a_world_are_as_far_apart_as_those_of_a_measured_ground(
+    band: str, ghz: float, channels: tuple[str, ...]
+) -> None:
+    """Variance between covers: with plain means of two grounds in L band, worlds had 1.7 times that of a ground."""
+    measured, drawn = [], []
+    worlds = [TABLE.in_world(World(1979, k)) for k in range(60)]
+    for channel in channels:
+        covers = lifts()[band, channel]
+        squares, freedom = 0.0, 0
+        for ground in {s for of in covers.values() for s in of}:
+            level = [
+                of[ground] + formula_db(base_of(c), band, channel, 40.0) for c, of in covers.items() if ground in of
+            ]
+            squares, freedom = squares + np.var(level) * len(level), freedom + len(level) - 1
+        measured.append(squares / freedom)
+        there = [10.0 * np.log10(world.lookup([*covers], ghz, channel).sigma0[:, 40]) for world in worlds]
+        drawn.append(np.mean(np.var(there, axis=1, ddof=1)))
+    assert np.mean(drawn) == pytest.approx(np.mean(measured), rel=0.25)
 
 
 @pytest.mark.parametrize("channel", ["HV", "VV"])

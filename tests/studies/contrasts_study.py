@@ -56,7 +56,7 @@ WORDS = [
     "- End of August over the end of July. The four covers stand on both days in the calendar, which tells them",
     "  apart as well on one as on the other.",
     "- Relation of HH and VV. The source states no scores. The simulated ratio is a gain of 8 to 10 points where",
-    "  the powers alone name 80 to 84 %, in place of the 93 % here.",
+    "  the powers alone name 77 to 82 %, in place of the 93 % here.",
     "- Full polarimetry over two channels, and over one circular wave. The source names 92 % on one day. What HH",
     "  and HV have in common is taken as nothing here. One circular wave over two channels is inside.",
     "- Fields over pixels on one date. In one channel at 23 deg fields of six crops score 23 % here; the source",

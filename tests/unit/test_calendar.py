@@ -671,7 +671,7 @@ def test_fields_that_lie_bare_feel_the_moisture_of_bare_ground(channel, frequenc
         np.testing.assert_array_equal([found["Trees"], found["Gravel"]], 0.0)
     np.testing.assert_allclose([january["Corn"], january["Vegetables"]], [soil, soil], atol=1e-9)
     assert all((summer[name] == 0.0).all() for name in CROPS)
-    assert (fall["Wheat"] > 0.5 * soil).all()
+    assert (fall["Wheat"] > 0.45 * soil).all()
     assert (fall["Wheat"] < 1.05 * soil).all()
     course = at(195, channel, frequency, covers).course
     part = dict(zip(covers, on_day(course.soil_share, 195.0), strict=True))

@@ -321,7 +321,7 @@ def test_windows_help_pixels_and_fields_hardly_need_them() -> None:
     assert min(f - p for f, p in zip(by_field, by_pixel, strict=True)) > 1.0
     assert by_field[0] - by_pixel[0] > by_field[1] - by_pixel[1]
     # The best window of pixels is coarser than the least that fields need.
-    assert int(np.argmax(by_field)) <= int(np.argmax(by_pixel))
+    assert int(np.argmax(np.array(by_field) > max(by_field) - 1.5)) < int(np.argmax(by_pixel))
 
 
 def test_the_filter_keeps_edges_and_takes_noise() -> None:

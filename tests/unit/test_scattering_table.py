@@ -61,7 +61,8 @@ def test_notes_tell_every_assumption() -> None:
     text = "\n".join(found.notes)
     for words in (
         "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.1 dB)",
-        "Wheat: level, with the regression's course over angle (measured: flevoland; measured: flevoland_1991; ",
+        "Wheat: level, drawn to that of all covers, with the regression's course over angle (measured: flevoland; "
+        "measured: flevoland_1991; ",
         "Trees: albedo 0.20 at 1.25 GHz, optical depth 0.6 Np at 1.25 GHz",
         "Bareground: reference moisture 0.2 m3/m3, rms height 0.01 m (assumed)",
         "Water: HH below VV by at most 15 dB (assumed)",
