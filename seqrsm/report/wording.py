@@ -111,8 +111,8 @@ def with_unit(text: str, unit: str) -> str:
 
 def targets_text(spec: CampaignSpec, target: Literal["half_width", "loss"]) -> str:
     """A target of all applications with its unit, or of each with its name; "" where there is none."""
-    targets = {one: getattr(spec.stop_of(one.name), target) for one in spec.applications}
-    texts = {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets.items() if x is not None}
+    targets = [(one, getattr(spec.stop_of(one.name), target)) for one in spec.applications]
+    texts = {one.name: with_unit(format_plain(x), one.score_unit) for one, x in targets if x is not None}
     if len(texts) == len(spec.applications) and len(set(texts.values())) == 1:
         return next(iter(texts.values()))
     return listing([f"{text} for {name}" for name, text in texts.items()])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,9 +19,12 @@ from seqrsm.report.wording import (
     readable_text,
     shortened,
     source_counts,
+    targets_text,
     told_settings,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.spec.read import load_spec
+from seqrsm.spec.write import create_campaign
 
 
 @pytest.mark.parametrize(
@@ -103,3 +107,15 @@ def test_scores_of_several_applications_are_told_beside_their_runs() -> None:
     assert source_counts([one] * 6 + [two] * 34) == "74 measured scores of 40 runs"
     assert source_counts([two]) == "2 measured scores of 1 run"
     assert source_counts([simulated, simulated, one]) == "2 simulated runs and 1 measured score"
+
+
+def test_the_target_of_an_application_with_a_prior_is_told(tmp_path: Path) -> None:
+    """A prior holds lists: no report of such a campaign could be written."""
+    content = {
+        "campaign": {"name": "c"},
+        "factor": [{"name": "x", "low": 0.0, "high": 1.0}],
+        "application": [{"name": "a", "utility": "measured", "unit": "K", "prior": {"utility": [2.0, 10.0]}}],
+        "stop": {"half_width": 1.1},
+    }
+    create_campaign(tmp_path / "c", content)
+    assert targets_text(load_spec(tmp_path / "c"), "half_width") == "1.1\u00a0K"
