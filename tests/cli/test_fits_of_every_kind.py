@@ -352,3 +352,19 @@ def test_a_rise_of_a_score_to_be_minimized_is_no_gain(tmp_path, goal, word) -> N
     shown = CliRunner().invoke(app, ["fit", str(folder)]).stdout
     title = next(text for text in shown.splitlines() if "Pr(better)" in text)
     assert (word in title, f"interval of the {word.lower()} allows" in " ".join(shown.split())) == (True, True)
+
+
+@pytest.mark.parametrize(
+    "kind", ["category", "logit", "errors", "student", "random days", "flights", "scattered counts"]
+)
+def test_prior_constraint_and_consideration_go_with_every_command(kind: str, tmp_path: Path) -> None:
+    factors, rows, model, application = KINDS[kind]
+    target = (
+        "unacceptable = 10\nideal = 95\n[application.prior]\nutility = [50, 95]\noptimum = { x = { value = 4.0 } }\n"
+    )
+    more = '[[constraint]]\nexpr = "x <= 9"\n[[consideration]]\nname = "price"\nunit = "kEUR"\nexpr = "20 + x"\n'
+    folder = make(tmp_path / "c", factors + more, rows, model, application + target)
+    for command in ("fit", "status", "check", "report", "propose"):
+        done = CliRunner().invoke(app, [command, str(folder)])
+        assert isinstance(done.exception, SystemExit | None), (command, done.exception)
+        assert done.exit_code in (0, 2 if command == "check" else 0), (command, done.stderr)
