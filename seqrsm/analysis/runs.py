@@ -13,6 +13,7 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem, RegionError
+from seqrsm.fit.estimability import SETTINGS_KNOWN
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.spec.read import CampaignSpec, placed
 from seqrsm.store.records import CONFIRMATION, RunRecord
@@ -149,10 +150,10 @@ def n_determined(model: QuadraticModel, points: FloatArray, blocks: FloatArray |
     """
     if not len(points):
         return 0
-    Z = model.matrix(points)
+    Z, least = model.matrix(points), SETTINGS_KNOWN * np.sqrt(len(points))  # as in the fit
     all_columns = Z if blocks is None else np.hstack([Z, blocks])
-    determined = np.linalg.matrix_rank(all_columns) == all_columns.shape[1]
-    return len(points) if determined else int(np.linalg.matrix_rank(Z))
+    determined = np.linalg.matrix_rank(all_columns, least) == all_columns.shape[1]
+    return len(points) if determined else int(np.linalg.matrix_rank(Z, least))
 
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:

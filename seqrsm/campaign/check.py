@@ -20,7 +20,7 @@ from seqrsm.analysis.conclude import as_found, stop_rule
 from seqrsm.analysis.ground import OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import see_names
+from seqrsm.analysis.runs import coded_settings, see_names
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, plans_by_process, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
@@ -30,6 +30,7 @@ from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import bundle_tasks, carry_out, scene_at, simulate_images, task_of
 from seqrsm.campaign.simulator_checks import check_simulator
 from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
+from seqrsm.design.optimal import see_separable
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.progress import silent
 from seqrsm.rng import generator
@@ -151,7 +152,9 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = silent) 
     spec = load_spec(folder)
     model = spec.quadratic
     combinations = () if spec.simulator is None else combinations_of(spec)
-    analyses = _so_far(spec)
+    analyses, made = _so_far(spec)
+    if not analyses:
+        see_separable(model, spec.region, made)
     found, seconds = [_Scatter()] * len(spec.applications), float("nan")
     covers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -443,11 +446,11 @@ def _doubts(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Iterator
             )
 
 
-def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
-    """Analyses of applications, none where scores are too few."""
+def _so_far(spec: CampaignSpec) -> tuple[dict[str, Analysis], FloatArray]:
+    """Analyses of applications, none where scores are too few; and coded settings (n, k) of scored runs."""
     analyses: dict[str, Analysis] = {}
     if not Store.exists(spec.folder, spec.store_url):
-        return analyses
+        return analyses, np.empty((0, spec.region.k))
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
         store.verify()
         if spec.simulator is not None:
@@ -456,7 +459,7 @@ def _so_far(spec: CampaignSpec) -> dict[str, Analysis]:
         for one in spec.applications:
             with suppress(FitError):
                 (analyses[one.name],) = Campaign(spec, store).analyse_all(one.name)
-    return analyses
+        return analyses, coded_settings(spec.region, store.runs("scored"))
 
 
 def _surfaces(spec: CampaignSpec, application: ApplicationSpec, found: _Scatter, analysis: Analysis | None) -> Surfaces:

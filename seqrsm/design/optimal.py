@@ -56,11 +56,7 @@ def optimal_design(
     _check_count(model, n_runs, kept)
     Z_fixed = model.matrix(kept)
     precision = Z_fixed.T @ Z_fixed
-    if not region.is_box and not np.any(precision):
-        # A region may be so thin that terms coincide on it: told at once, before any search.
-        lost = inestimable_terms(model, region.candidates(limit=2000))
-        if lost:
-            raise _coinciding(lost)
+    see_separable(model, region, kept)
     weights = None if criterion == "D" else region_moments(model, region) if criterion == "I" else np.eye(model.p)
     searches = SEARCHES if model.p <= _FEW_TERMS else MANY_SEARCHES
     task = Task(n_runs, precision, weights)
@@ -100,6 +96,13 @@ def start_design(
         raise _singular(model, region)
     points = _drawn_in(model, region, task.precision, points)
     return np.vstack([kept, points]) if fixed is None else points
+
+
+def see_separable(model: QuadraticModel, region: Region, fixed: FloatArray) -> None:
+    """DesignError of terms that neither ``fixed`` runs (m, k) nor any in the region tell apart, before any search."""
+    points = np.empty((0, model.k)) if region.is_box else np.vstack([region.candidates(limit=2000), fixed])
+    if len(points) and (lost := inestimable_terms(model, points)):
+        raise _coinciding(lost)
 
 
 def _drawn_in(model: QuadraticModel, region: Region, precision: FloatArray, points: FloatArray) -> FloatArray:
@@ -143,4 +146,4 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
 
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
     text = f"no runs in the region can separate these terms from the others: {', '.join(terms)}"
-    return DesignError(text, "Relax the constraints or the levels, or omit the terms.")
+    return DesignError(text, "Relax the constraints, leave out levels that they exclude, or use order = 1.")

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 import statsmodels.api as sm
 from scipy.stats import t as student
+from scored_campaigns import campaign, numeric, specification
 from typer.testing import CliRunner
 
 from seqrsm.analysis.conclude import stop_rule
@@ -259,6 +260,19 @@ def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, cod
     found = json.loads(told.stdout)
     assert found["plans"][0]["runs"] == runs
     assert (found["refused"] != "") == (code == 2)
+
+
+def test_check_refuses_terms_that_no_runs_tell_apart(tmp_path: Path) -> None:
+    """It told of budgets, and `propose` refused to make a design."""
+    never = '[[factor]]\nname = "p"\nlevels = ["a", "b", "c"]\n[[constraint]]\nexpr = "p != \'a\'"\n'
+    text = specification(numeric(1) + never)
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "no runs in the region can separate these terms from the others: p[b], p[b]:x0" in done.stderr
+    flown = np.column_stack([[-1.0, 1.0], [0.0, 0.0]])  # at the level that is excluded now
+    campaign(tmp_path / "c", text, flown, [50.0, 51.0]).store.close()
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "c")]).exit_code == 0
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -388,6 +388,19 @@ def test_runs_that_can_be_fitted_are_those_of_the_application_that_has_fewest(tm
     assert [n_fitted(each.spec, each.store.runs()) for each in (made, one)] == [0, 12]
 
 
+def test_runs_are_proposed_where_factors_differ_by_less_than_rounding(tmp_path) -> None:
+    """The fit asked for runs that `propose` would name, and `propose` ended with the fit's error."""
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1.0, 1.0, 14)
+    points = np.column_stack([x, x + 1e-5 * rng.normal(size=14)])
+    made = campaign(tmp_path / "c", specification(numeric(2)), points, x, source="flight")
+    with pytest.raises(FitError, match="cannot separate"):
+        made.analyse_all()
+    more = made.propose(3, source="flight")
+    made.ingest(pd.DataFrame([{"run_id": run.run_id, **run.proposed, "score": 0.1 * run.run_id} for run in more]))
+    assert len(made.analyse_all()) == 1
+
+
 def test_student_errors_are_offered_for_wild_flights_alone(tmp_path):
     """Two in one direction hide each other from the test of single outliers."""
     points = np.round(spread(40, 2), 3)
