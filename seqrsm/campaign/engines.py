@@ -55,8 +55,9 @@ class Engine:
 
     configure: Callable[[Settings, Settings], Any]
     """Settings and fixed parameters -> sensor; raises ConfigurationError."""
-    table: Callable[[str], Any]
-    """Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process."""
+    table: Callable[..., Any]
+    """Path, or "" for the shipped one, and whether it needs rows of the engine -> table of sigma0 or emissivity, read
+    once per process."""
     simulate: Callable[..., Any]
     """Scene, sensor, table, and by name seed, run id and visit -> image."""
     examine: Callable[[Scene, Any, Any, float | None], tuple[str, ...]]

@@ -167,8 +167,8 @@ class SimulationTask:
         return _kept_acquisitions(pickle.dumps((self.engine, self.settings, self.fixed, self.members)))
 
     def scattering(self, engine: str) -> Any:
-        """An engine's table of sigma0 or emissivity in the task's world; the user's own is for the main engine."""
-        table = ENGINES[engine].table(self.table if engine == self.engine else "")
+        """An engine's table of sigma0 or emissivity in the task's world; the user's has rows for the main engine."""
+        table = ENGINES[engine].table(self.table, engine == self.engine)
         if self.calendar or self.late_days:
             table = replace(table, calendar=loaded(load_calendar, self.calendar, self.late_days))
         return table if self.world is None else table.in_world(World(self.seed, self.world, self.elsewhere))

@@ -68,9 +68,10 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
 def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[str, ...]:
     """What of the user's table and calendar has no effect: covers that the scene has not, perhaps by a slip."""
     assert spec.simulator is not None
-    shipped = ENGINES[spec.simulator.engine].table("").curves
-    table = task.scattering(spec.simulator.engine)
-    own = (k if isinstance(k, str) else k[0] for k, curve in table.curves.items() if curve is not shipped.get(k))
+    own: list[str] = []
+    for name, engine in ENGINES.items():
+        table, shipped = task.scattering(name), engine.table("").curves
+        own += [k if isinstance(k, str) else k[0] for k, one in table.curves.items() if one is not shipped.get(k)]
     notes = []
     for file, names in ((spec.simulator.table, own), (spec.simulator.calendar, table.calendar.own)):
         if idle := [name for name in dict.fromkeys(names) if name not in scene.categories]:

@@ -331,18 +331,19 @@ def emissivity_mo82(
     return np.asarray((1.0 - r) * g + (1.0 - np.asarray(omega)) * (1.0 - g) * (1.0 + r * g))
 
 
-def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
+def load_emissivity_table(path: str | Path | None = None, needed: bool = True) -> EmissivityTable:
     """The shipped table, or the shipped table with the categories of a user's file in place of its own.
 
     ``path``: long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
     ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean), in
     emissivity at the lowest angle of the rows; elsewhere they go with the reflectivity 1 - e. ScatteringDataError tells
-    that it cannot be read, or all wrong rows, each with line and column.
+    that it cannot be read, all wrong rows, each with line and column, or that no rows are of emissivity where they are
+    ``needed``.
     """
     shipped = _shipped_table()
     if path is None:
         return shipped
-    curves, sd, mean_sd = read_curves(path, printed=False)
+    curves, sd, mean_sd = read_curves(path, printed=False, needed=needed)
     spread = dict(shipped.spread)
     for name, value in sd.items():
         own = shipped.spread.get(name, (0.0, 0.0, _DEFAULT_RELATED))

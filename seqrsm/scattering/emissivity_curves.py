@@ -67,7 +67,7 @@ def interpolated(theta_deg: Sequence[float], value: Sequence[float]) -> FloatArr
 
 
 def read_curves(
-    path: str | Path, *, printed: bool
+    path: str | Path, *, printed: bool, needed: bool = True
 ) -> tuple[dict[str, EmissivityCurve], dict[str, float], dict[str, float]]:
     """Curves, field-to-field standard deviations and stated standard deviations of the mean, by category.
 
@@ -76,7 +76,7 @@ def read_curves(
     """
     problems: list[Problem] = []
     groups: dict[str, dict[tuple[float, str], list[Node]]] = defaultdict(lambda: defaultdict(list))
-    nodes = read_nodes(path, "emissivity")
+    nodes = read_nodes(path, "emissivity", needed=needed)
     for node in nodes:
         groups[node.category][node.frequency_ghz, node.channel].append(node)
     curves = {}

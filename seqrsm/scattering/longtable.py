@@ -4,7 +4,8 @@ Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, uni
 ``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]), ``mean_sd`` (standard deviation of
 the mean [dB]; empty: by the status), ``wind_m_s``, ``coherence`` and ``phase_deg`` (magnitude and phase of the mean of
 HH times conjugate VV over the root of both powers; the phase asks for HV, too) are optional; ``moisture`` and
-``snow_cm`` must be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
+``snow_cm`` must be empty. ``quantity`` is ``sigma0`` (``unit``: ``dB`` or ``1``) or ``emissivity`` (``1``); each table
+takes the rows of its own.
 Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
 where on gamma is.
 
@@ -68,21 +69,23 @@ class Node:
     relation: complex
 
 
-def read_nodes(path: str | Path, quantity: str | None) -> list[Node]:
-    """Nodes of a quantity's table; None: of a calendar.
+def read_nodes(path: str | Path, quantity: str | None, *, needed: bool = True) -> list[Node]:
+    """Nodes of a quantity, those of another left out; None: all of a calendar.
 
     Raises
     ------
     ScatteringDataError
-        No table of these columns, or faults in its rows.
+        No table of these columns, faults in its rows, or no rows of the quantity where they are ``needed``.
     """
     problems: list[Problem] = []
     columns, optional = (REQUIRED, OPTIONAL) if quantity else (CALENDAR, OPTIONAL[-1:])
-    nodes = [_node(row, quantity, problems) for row in read_rows(path, columns, optional)]
-    if not nodes:
-        problems.append(Problem("the table has no rows", f"Columns: {', '.join(columns)}", str(path)))
+    nodes = [_node(row, quantity is None, problems) for row in read_rows(path, columns, optional)]
     refuse(problems, path)  # or a curve would seem to lack the nodes of these rows
-    return [node for node in nodes if node is not None]
+    own = [node for node in nodes if node is not None and quantity in (None, node.row.text("quantity"))]
+    if needed and not own:
+        text = f"the table has no rows of {quantity}" if quantity else "the table has no rows"
+        raise ScatteringDataError(text, f"Columns: {', '.join(columns)}", file=str(path))
+    return own
 
 
 def refuse(problems: list[Problem], path: str | Path) -> None:
@@ -104,7 +107,7 @@ def in_order(block: list[Node], at: str, problems: list[Problem], column: str = 
 
 
 def read_long_table(
-    path: str | Path,
+    path: str | Path, *, needed: bool = True
 ) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float], dict[str, list[Relation]]]:
     """Curves by (category, season), field-to-field standard deviation by (category, polarization), relations of HH, VV.
 
@@ -114,8 +117,8 @@ def read_long_table(
         Every wrong row, with its line and column; nodes that are missing or given twice; a table all above 0 dB.
     """
     problems: list[Problem] = []
-    nodes = read_nodes(path, "sigma0")
-    if all(node.value > 0.0 and node.row.text("unit") == "dB" for node in nodes):
+    nodes = read_nodes(path, "sigma0", needed=needed)
+    if nodes and all(node.value > 0.0 and node.row.text("unit") == "dB" for node in nodes):
         remedy = 'Give linear numbers the unit "1", and decibels their sign'
         text = "every value is above 0 dB, as on no natural ground"
         raise ScatteringDataError(text, remedy, file=str(path), field="value")
@@ -154,10 +157,10 @@ def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, An
     return {own: np.mean(values).item() for own, values in found.items()}
 
 
-def _node(row: Row, quantity: str | None, problems: list[Problem]) -> Node | None:
-    """The node of a row, or None after its faults are appended to ``problems``."""
-    before, of_day = len(problems), quantity is None
-    quantity = row.choice("quantity", problems, (quantity,) if quantity else ("sigma0", "emissivity"))
+def _node(row: Row, of_day: bool, problems: list[Problem]) -> Node | None:
+    """The node of a row, or None after its faults are appended to ``problems``; ``of_day``: of a calendar."""
+    before = len(problems)
+    quantity = row.choice("quantity", problems, ("sigma0", "emissivity"))
     if len(problems) > before:
         return None  # what else is wrong depends on it
     if quantity == "sigma0":

@@ -435,16 +435,16 @@ def _shipped_table() -> Sigma0Table:
     return Sigma0Table(curves, shipped_variability(), float(correlation.text("value")))
 
 
-def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
+def load_sigma0_table(path: str | Path | None = None, needed: bool = True) -> Sigma0Table:
     """The shipped table, or the shipped table with the categories of a user's file in place of its own.
 
-    The columns of ``path`` are in `seqrsm.scattering.longtable`. ScatteringDataError tells that it cannot be read, or
-    all wrong rows, each with line and column.
+    The columns of ``path`` are in `seqrsm.scattering.longtable`. ScatteringDataError tells that it cannot be read, all
+    wrong rows, each with line and column, or that no rows are of sigma0 where they are ``needed``.
     """
     shipped = _shipped_table()
     if path is None:
         return shipped
-    curves, field_sd_db, relations = read_long_table(path)
+    curves, field_sd_db, relations = read_long_table(path, needed=needed)
     replaced = {category for category, _ in curves}
     variability = dict(shipped.variability)
     for key, sd in field_sd_db.items():

@@ -221,7 +221,7 @@ def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
         ("sigma0,Wheat,5,HH,,20,-10,,dB,recalled,me", r"own\.csv:2: status"),
         ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,", r"own\.csv:2: source: empty"),
         ("sigma0,,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: category: empty"),
-        ("emissivity,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: quantity"),
+        ("gamma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: quantity"),
         ("sigma0,Wheat,5,HH,monsoon,20,-10,,dB,measured,me", r"own\.csv:2: season"),
         ("sigma0,Wheat,5,HH,,20,-10,-1,dB,measured,me", r"own\.csv:2: sd"),
         ("sigma0,Wheat,5,HH,,20", r"own\.csv:2: 6 cells, the header has 11"),

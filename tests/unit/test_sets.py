@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scored_campaigns import campaign, specification
@@ -147,11 +149,23 @@ def test_members_of_nothing_else_are_told_by_engine() -> None:
     assert (one.engine, two.engine, two.settings["frequency"]) == ("psm", "prm", 1.4)
 
 
-def test_a_table_of_the_users_is_for_the_main_engine() -> None:
-    task = SimulationTask("psm", 1, 0, {}, {}, "s.npz", "no such file.csv", ())
-    assert task.scattering("prm") is load_emissivity_table()
-    with pytest.raises(ScatteringDataError, match="no such file"):
-        task.scattering("psm")
+def test_each_sensor_of_a_set_takes_its_rows_of_the_users_table(tmp_path) -> None:
+    """A crop that no built-in table has is seen by a radar and a radiometer; the main engine needs rows."""
+    header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n"
+    radar, radiometer = (
+        "".join(f"{start},{theta},{value},{unit},measured,me\n" for theta in (0, 60))
+        for start, value, unit in (("sigma0,Hemp,1.25,HH", -10, "dB"), ("emissivity,Hemp,1.4,H", 0.9, "1"))
+    )
+    own = tmp_path / "own.csv"
+    own.write_text(header + radar + radiometer)
+    task = SimulationTask("psm", 1, 0, {}, {}, "s.npz", str(own), ())
+    assert task.scattering("psm").lookup(["Hemp"], 1.25, "HH").sigma0[0, 30] == pytest.approx(0.1)
+    assert task.scattering("prm").lookup(["Hemp"], 1.4, "H").emissivity[0, 0, 30] == 0.9
+    alone = tmp_path / "alone.csv"
+    alone.write_text(header + radar)
+    assert replace(task, table=str(alone)).scattering("prm").curves == load_emissivity_table().curves
+    with pytest.raises(ScatteringDataError, match="no rows of emissivity"):
+        replace(task, engine="prm", table=str(alone)).scattering("prm")
 
 
 TOML = """
