@@ -55,7 +55,7 @@ class Objective:
     weight: float
     """Share in the compromise, > 0."""
     mean: Surface
-    """Estimated values at coded points."""
+    """Estimated values at coded points, none that there cannot be."""
     draws: Surface | None = None
     """Values (m, n) under m posterior draws at coded points (n, k); None where nothing is uncertain, as with a cost."""
     unacceptable: float | None = None
@@ -65,8 +65,6 @@ class Objective:
 
     application: bool = True
     """False for a consideration."""
-    limits: tuple[float, float] = (-math.inf, math.inf)
-    """Least and largest value that there can be."""
     optimum: FloatArray | None = None
     """(k,): coded settings of its own optimum, as told elsewhere; by default found here."""
     intervals: Callable[[FloatArray], tuple[Interval, ...]] | None = None
@@ -187,12 +185,11 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         table.name,
         table.goal,
         table.weight,
-        lambda points: scale.to_score(fitted.mean(points)),
+        lambda points: np.clip(scale.to_score(fitted.mean(points)), *limits),
         drawn,
         table.unacceptable,
         table.ideal,
         analysis.score_unit,
-        limits=limits,
         optimum=analysis.optimum.point,
         intervals=at,
     )
@@ -282,8 +279,7 @@ def compromise(
     here = at(point[None, :])[0]
     rows = []
     for i, (objective, own, (worst, best)) in enumerate(zip(objectives, own_points, limits, strict=True)):
-        found = np.clip([here[i], objective.mean(own[None, :])[0]], *objective.limits)
-        value, own_best = float(found[0]), float(found[1])
+        value, own_best = float(here[i]), float(objective.mean(own[None, :])[0])
         if sign_of(objective.goal) * (value - own_best) > 0.0:  # by what a search leaves
             own_best = value
         given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
@@ -312,7 +308,6 @@ def compromise(
                 prediction=prediction,
             )
         )
-    means = np.clip(means, *np.array([objective.limits for objective in objectives]).T)
     front = np.flatnonzero(pareto_front(means, [objective.goal for objective in objectives]))
     front = front[np.argsort(means[front, 0], kind="stable")]
     front = front[np.unique(np.linspace(0, len(front) - 1, min(_FRONT, len(front))).astype(np.int64))]

@@ -25,6 +25,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.region import Region
 from seqrsm.report.sections.compromise import _score_table, _setting_table
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 BOX = Region((ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0)))
@@ -112,16 +113,25 @@ def test_an_optimum_told_elsewhere_is_the_one_told_here() -> None:
     assert found.given_up == 0.0  # the compromise is nearer to where y is best than what was told
 
 
-def test_nothing_beyond_the_scale_is_told() -> None:
-    objectives = [
-        Objective("x", "maximize", 1.0, bowl((-0.5, 0.0), 104.0), limits=(0.0, 100.0)),
-        Objective("y", "maximize", 1.0, bowl((0.5, 0.0), 90.0), limits=(0.0, 100.0)),
-    ]
-    found = compromise(BOX, objectives)
-    first, second = found.given_up
-    assert found.front_values.max() <= 100.0
-    assert (first.value, first.own_best, second.own_best) == pytest.approx((99.0, 100.0, 90.0), abs=0.1)
-    assert first.given_up == pytest.approx(first.own_best - first.value)
+def test_what_is_fitted_beyond_the_scale_is_no_better_than_its_end(tmp_path, monkeypatch) -> None:
+    """A surface fitted above 100 percent gave nothing up at 100, yet was told to be less than ideal there."""
+    monkeypatch.setattr(ApplicationSpec, "score_limits", property(lambda self: (0.0, 100.0)))
+    cost = '[[application]]\nname = "a"\nutility = "measured"\n[[consideration]]\nname = "cost"\nexpr = "3 + x0"\n'
+    text = f'[campaign]\nname = "test"\n{numeric(1)}{cost}[stop]\nhalf_width = 5.0\nmax_runs = 40\n'
+    (tmp_path / "campaign.toml").write_text(text, "utf-8")
+    made, x = Campaign.open(tmp_path), np.linspace(-1.0, 1.0, 21)
+    scores = 95.0 + 15.0 * x + 0.1 * np.random.default_rng(4).normal(size=21)  # 100 from x0 = 1/3 on
+    rows = zip(made.spec.region.decode(x[:, None]), scores, strict=True)
+    runs = tuple(IngestedRun(None, at, "flight", "", 1.0, (NewScore("a", float(y)),)) for at, y in rows)
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), runs)])
+    found = campaign_compromise(made.spec, made.analyse_all())
+    assert found is not None
+    grid = np.linspace(-1.0, 1.0, 2001)  # desirability from the worst, 80, to 100, and of cost from 4 to 2
+    merit = np.sqrt((np.minimum(95.0 + 15.0 * grid, 100.0) - 80.0) / 20.0 * (1.0 - grid) / 2.0)
+    assert found.settings["x0"] == pytest.approx(grid[merit.argmax()], abs=0.02)
+    assert found.desirability == pytest.approx(merit.max(), abs=0.01)
+    assert found.given_up[0].own_best == 100.0
+    assert found.front_values[:, 0].max() == 100.0
 
 
 def test_posterior_of_the_compromise() -> None:
