@@ -25,7 +25,7 @@ from seqrsm.progress import silent
 from seqrsm.remember import remembered
 from seqrsm.scene.scene import Scene
 from seqrsm.score.table import IN_MEMORY
-from seqrsm.score.utilities import utility_of
+from seqrsm.score.utilities import asked_for, utility_of
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RankingSummary, RunRecord
 
@@ -137,11 +137,21 @@ def _measured_assumptions(campaign: Campaign, analyses: Sequence[Analysis]) -> t
             f"each simulated run is one occasion with its own draw of the tables: table means, {of_run}, receiver "
             "noise and the training sample are drawn from the campaign's seed and the run's id"
         )
-        if any(utility_of(application.utility).classifies for application in spec.applications):
-            found.append(
-                "all covers are equally probable to the classifier before it sees the image, so that a poor image can "
-                "score less than a guess that names the commonest cover everywhere"
-            )
+        maps = {
+            one.name: asked_for(one.utility).knows_areas(bool(known.known_map))
+            for one in spec.applications
+            if utility_of(one.utility).classifies
+        }
+        if maps:
+            equal, informed = ([name for name in maps if maps[name] == knows] for knows in (False, True))
+            of_equal, of_informed = (f" of {', '.join(some)}" * (some != list(maps)) for some in (equal, informed))
+            if equal:
+                found.append(
+                    f"all covers are equally probable to the classifier{of_equal} before it sees the image, so that a "
+                    "poor image can score less than a guess that names the commonest cover everywhere"
+                )
+            if informed:
+                found.append(f"the classifier{of_informed} knows how common each cover is before it sees the image")
             if known.known_map:
                 found.append(
                     f"beside the images the classifier has a label of an existing map for each field, which every run "

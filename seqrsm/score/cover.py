@@ -33,7 +33,6 @@ from seqrsm.score.utilities import Asked
 FALSE_ALARMS: Final = 0.05
 """Share of other ground that may be taken for the cover sought."""
 
-_BY_CELLS: Final = ("percent_correct", "kappa", "f1")  # a map's score alone knows how common covers are
 _GROUPS: Final = 400  # of tiles, for a jackknife
 
 
@@ -68,10 +67,9 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
     covers = [categories.index(name) for name in asked.covers]
     sought, mapped = asked.name == "detection", evidence.label is not None
     laws = taught(evidence)
-    if asked.name == "area_error":
-        laws = knowing_areas(laws, areas_taught(evidence, laws))
-    elif mapped and asked.name in _BY_CELLS:
-        laws = knowing_areas(laws, evidence.counts.sum(axis=0))
+    if asked.knows_areas(mapped):
+        error = asked.name == "area_error"
+        laws = knowing_areas(laws, areas_taught(evidence, laws) if error else evidence.counts.sum(axis=0))
     if mapped:
         sign, name = -1.0 if asked.row.is_error else 1.0, "percent_correct" if sought else asked.name
         laws = trusting(evidence, laws, lambda found: sign * float(measure(found, name, covers)))

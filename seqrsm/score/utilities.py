@@ -58,6 +58,8 @@ def _table() -> Mapping[str, Utility]:
 UTILITIES: Final = _table()
 """By the names of ``campaign.toml``."""
 
+_BY_CELLS: Final = ("percent_correct", "kappa", "f1")  # a map's score alone knows how common covers are
+
 OF_THE_USER: Final = Utility()
 """What is known of a function of the user's own."""
 
@@ -77,6 +79,10 @@ class Asked:
     def row(self) -> Utility:
         """What is known of it."""
         return UTILITIES[self.name]
+
+    def knows_areas(self, mapped: bool) -> bool:
+        """Whether the classifier knows how common each cover is, without or beside (``mapped``) an existing map."""
+        return self.name == "area_error" or (mapped and self.name in _BY_CELLS)
 
 
 def asked_for(text: str) -> Asked:

@@ -83,16 +83,24 @@ def test_what_a_run_draws_is_that_of_every_engine_of_a_set_and_the_label_of_a_ma
     simulator = SimulatorSpec(engine="psm", scene="s.npz", members={"passive": {"engine": "prm"}}, known_map="old.csv")
     campaign = SimpleNamespace(spec=SimpleNamespace(
         model=SimpleNamespace(weights="equal", response="identity", order=2), errors=NORMAL,
-        simulator=simulator, applications=[SimpleNamespace(utility="kappa by field")],
+        simulator=simulator, applications=[
+            SimpleNamespace(name="crops", utility="kappa by field"),
+            SimpleNamespace(name="finder", utility="detection of Corn"),
+        ],
     ))  # fmt: skip
     told = "; ".join(_measured_assumptions(campaign, (narrow,)))
     assert "wind, fading, emissivity, temperature and soil moisture of fields and of the date, receiver noise" in told
     assert "a label of an existing map for each field" in told
     assert "old.csv, independently between fields" in told
+    # Beside a map, where the measure counts ground, the classifier knows the areas.
+    assert "the classifier of crops knows how common each cover is" in told
+    assert "equally probable to the classifier of finder before" in told
     campaign.spec.simulator = SimulatorSpec(engine="prm", scene="s.npz")
     alone = "; ".join(_measured_assumptions(campaign, (narrow,)))
     assert "fading" not in alone
     assert "existing map" not in alone
+    assert "equally probable to the classifier before" in alone
+    assert "how common each cover" not in alone
 
 
 def test_a_run_is_unusual_for_the_quadratic_where_there_is_another_surface(tmp_path, request):
