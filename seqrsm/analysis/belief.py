@@ -114,7 +114,7 @@ def weigh_departure(surface: Surface, seed: int, stated: bool) -> Departure:
         return Departure(None, float("nan"), 0.0, reason)
     # What a look found is confirmed and sampled from by the same scores.
     process = recalled(lambda: Process(*given, generator(seed, n, "process"), *beside), (given, seed, beside))
-    if surface.df_residual < _LEAST_DF:
+    if fit.df_residual < _LEAST_DF:
         reason = f"least squares of {counted(n, 'score')} leave fewer than {_LEAST_DF} degrees of freedom"
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     return Departure(process, process.log_bayes_factor, 0.0 if probability < _CERTAIN else float(probability), reason)

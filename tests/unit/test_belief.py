@@ -189,6 +189,19 @@ def test_the_process_that_is_believed_alone_for_want_of_scores_says_so_wherever_
     assert departure.reason == "least squares of 11 scores leave fewer than 4 degrees of freedom"
 
 
+def test_a_few_flights_on_days_of_their_own_leave_no_want_of_scores(tmp_path: Path) -> None:
+    """Those of the flights' scatter passed for what least squares of all scores leave, and the process was alone."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1.0, 1.0, (34, 2)).round(3)
+    scores = 80.0 - 10.0 * np.sum(points**2, axis=1) + rng.standard_normal(34)
+    source, days = ["simulation"] * 30 + ["flight"] * 4, [""] * 30 + ["a", "a", "b", "b"]
+    text = specification(numeric(2), rest='[model]\nblock = "day"\n')
+    found = analysed(tmp_path / "c", text, points, scores, source=source, block=days)
+    assert found.fitted.surface.df_residual < 4 < found.fit.df_residual
+    assert found.fitted.departure.reason == ""
+    assert found.fitted.departure.probability < 1.0
+
+
 def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
     belief, surface = believed(narrow, 0.0), narrow.fitted.surface
     np.testing.assert_array_equal(belief.mean(AT), surface.rows(AT) @ surface.estimate)
