@@ -15,7 +15,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
-from seqrsm.campaign.experiment import experiment_of
+from seqrsm.campaign.experiment import changed_since, experiment_of
 from seqrsm.campaign.images import ImagePanel, chosen_settings, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.simulation import scene_at
@@ -86,6 +86,13 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = silent) -> Dossie
         made_of = (spec.spec_hash, experiment_of(spec), chosen)
         images, turns, more = remembered(lambda: report_pictures(spec, chosen), made_of)
         notes += more
+        if changed := changed_since(store, spec):
+            names = ", ".join(changed)
+            notes = (
+                f"since runs were simulated this has changed: {names}; images, and what is said of tables and covers, "
+                "are as it is now",
+                *notes,
+            )
     compared, tradeoff = read_candidates(spec, analyses), read_tradeoff(spec.folder)
     more_asked = [name for name, found in (("tradeoff", tradeoff), ("candidates", compared)) if found is not None]
     return Dossier(

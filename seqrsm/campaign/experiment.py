@@ -56,11 +56,25 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     or a factor that became fixed: earlier runs keep the values that they had. StoreError tells what differs, with the
     values before and now; nothing is noted.
     """
-    now, before = experiment_of(spec), _before(store)
+    before, now, changed = _since(store, spec)
+    if changed and not accept:
+        raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
+    if note and before != now:
+        store.add_event(EXPERIMENT, {EXPERIMENT: now})
+
+
+def changed_since(store: Store, spec: CampaignSpec) -> tuple[str, ...]:
+    """Names of what differs from what the simulated scores so far rest on."""
+    return tuple(key.removeprefix("file ") for key in _since(store, spec)[2])
+
+
+def _since(store: Store, spec: CampaignSpec) -> tuple[dict[str, str], dict[str, str], list[str]]:
+    """What the simulated scores so far rest on, what further ones would, and keys of what no longer holds of both."""
+    before, now = _before(store), experiment_of(spec)
     # A file that is away is no other file: its runs fail by the machine, and are made once it is back.
     now |= {key: before[key] for key, value in now.items() if key.startswith("file ") and not value and key in before}
-    if before == now:
-        return
+    if before == now or not before:
+        return before, now, []
     fresh, gone = now.keys() - before.keys(), before.keys() - now.keys()
     made = store.runs("scored", source="simulation")
     held = set.intersection(*(set(run.settings) for run in made)) if made else set()
@@ -69,10 +83,7 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False, no
     if any(key.startswith("utility of ") for key in fresh):  # with code of its own
         apart |= {key for key in fresh if key.startswith("file ")}
     changed = sorted({key for key, _ in before.items() ^ now.items()} - apart)
-    if before and changed and not accept and made:
-        raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
-    if note:
-        store.add_event(EXPERIMENT, {EXPERIMENT: now})
+    return before, now, changed if made else []
 
 
 def see_utilities(store: Store, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from seqrsm import __version__
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import assemble
 from seqrsm.campaign.experiment import EXPERIMENT, experiment_of, see_experiment
 from seqrsm.campaign.simulation import carry_out, files_of, scene_at, task_of
 from seqrsm.cli.app import app
@@ -81,6 +82,15 @@ def test_what_changed_is_refused_and_can_be_accepted_or_put_back(begun, file, ol
     assert run(begun, "--max-runs", "23").exit_code in (0, 3)
     assert len(Campaign.open(begun).store.events(kind=EXPERIMENT)) == 2
     assert scored(begun) > before
+
+
+def test_a_report_tells_what_has_changed_since_its_scores_were_simulated(begun) -> None:
+    """Images and sources of a changed table stood beside scores of the former one, and nothing was said."""
+    told = "since runs were simulated this has changed: "
+    assert told not in " ".join(assemble(Campaign.open(begun)).assumptions)
+    changed(begun, "own.py", "% 7", "% 5")
+    changed(begun, "campaign.toml", "bandwidth = 60.0", "bandwidth = 30.0")
+    assert f"{told}[simulator.fixed] bandwidth, own.py;" in " ".join(assemble(Campaign.open(begun)).assumptions)
 
 
 def test_scores_of_a_former_utility_are_told_as_no_other(begun) -> None:
