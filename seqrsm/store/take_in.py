@@ -194,12 +194,17 @@ def _is_share(score: NewScore | ScoreRecord) -> bool:
     return abs(score.score - 100.0 * score.correct / score.n) <= _ROUNDED
 
 
+def _made_elsewhere(run_id: int, settings: Mapping[str, float | str], name: str, line: int | None) -> Problem:
+    """A row of other settings than its run was made at."""
+    told = ", ".join(f"{key} {value if isinstance(value, str) else f'{value:g}'}" for key, value in settings.items())
+    return Problem(f"run {run_id} was made at other settings: {told}", VOID_FIRST, name, line)
+
+
 def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> int:
     """Add measured scores to a proposed run; how many: 0 when they are there already or cannot be added."""
     faults, fresh = ledger.new_scores(old.run_id, run.scores)
     if (old.executed is not None or old.state == "scored") and dict(run.settings) != old.settings:
-        message = f"run {old.run_id} was made at other settings"
-        faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.settings))
+        faults.append(_made_elsewhere(old.run_id, old.settings, name, run.scores[0].source_row))
     problems += faults
     if faults or not fresh:
         return 0
@@ -398,8 +403,7 @@ def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problem
         if found[0].executed is None:
             ledger.log_settings(image.run_id, image.settings)
         elif dict(image.settings) != found[0].executed:
-            message = f"run {image.run_id} was made at other settings"
-            problems.append(Problem(message, VOID_FIRST, name, image.line, value=found[0].executed))
+            problems.append(_made_elsewhere(image.run_id, found[0].executed, name, image.line))
     return states
 
 

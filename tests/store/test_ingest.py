@@ -231,7 +231,7 @@ def test_other_settings_for_a_simulated_run(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, source="simulation")])
     store.record_scores(1, [NewScore("crops", 70.0)])
     before = snapshot(store)
-    with pytest.raises(StoreError, match="run 1 was made at other settings"):
+    with pytest.raises(StoreError, match=r"run 1 was made at other settings: frequency 2, looks 4, polarization HH\. "):
         campaign("run_id," + HEADER + "\n1,2,4,VV,70\n")
     assert snapshot(store) == before
 
