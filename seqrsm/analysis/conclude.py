@@ -22,6 +22,7 @@ from seqrsm.analysis.study import block_study
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.confirmation import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import LACK_OF_FIT_ALPHA, MODEL_ALPHA, Decision, Look, StopRule, decide
+from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
@@ -35,6 +36,8 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
+
+_SAME = 0.01  # coded settings so near are told as the same
 
 LOOK_DRAWS = 1000
 """Posterior draws of a look; by these the stop rule is held against its targets, so that all looks say the same."""
@@ -126,7 +129,7 @@ def analyse(
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
     taken_off = optimism(fitted, best.point, rng)
     estimate = _possible(_estimate(spec, fitted, best, alone, taken_off), *application.score_limits)
-    confirmation, agreement = _confirmation(spec, fitted, runs, taken_off)
+    confirmation, agreement = _confirmation(spec, fitted, best.point, runs, taken_off)
     # Whether the score without an image is that of a map that exists.
     known_map = bool(spec.simulator and spec.simulator.known_map) and utility_of(application.utility).classifies
     posterior = summarise_posterior(spec, fitted, estimate, draws, looked, taken_off)
@@ -299,9 +302,12 @@ def _model_p(fitted: Fitted) -> float | None:
 
 
 def _confirmation(
-    spec: CampaignSpec, fitted: Fitted, runs: Sequence[RunRecord], taken_off: float
+    spec: CampaignSpec, fitted: Fitted, best: FloatArray, runs: Sequence[RunRecord], taken_off: float
 ) -> tuple[Confirmation | None, Agreement | None]:
-    """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit."""
+    """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit.
+
+    ``best``: the settings recommended now, coded (k,).
+    """
     application, scale, surface = fitted.application, fitted.scale, fitted.surface
     why = confirmation_reason(application.name)
     used = {run.run_id for run in evidence(runs)}
@@ -327,8 +333,11 @@ def _confirmation(
     low, high = scale.of_runs(own, wide, len(scores))
     expected, half = Interval(float(low), float(high)).within(*application.score_limits), of_mean.half_width
     measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
+    where = "the recommended settings"
+    if not np.allclose(at[0], best, atol=_SAME):
+        where = f"{settings_text(spec.factors, fresh[0].settings)}, recommended before,"
     text = (
-        f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
+        f"{len(scores)} confirmation runs at {where} averaged {measured} "
         f"({100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}), "
         f"{{verdict}} the model's prediction interval for their mean, {known(expected.low, expected.half_width)} to "
         f"{known(expected.high, expected.half_width)} (p = {{p}})."
@@ -431,6 +440,12 @@ def _warnings(spec: CampaignSpec, fitted: Fitted, best: Optimum) -> list[str]:
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"
         found.append(f"No factor has a significant effect ({test}): other settings may be equally good.")
+    at_end = int(np.isin(data.scores, application.score_limits).sum())
+    if at_end > 0.5 * len(data.scores) and not (spec.errors.of_counts or fitted.data.all_equal):
+        found.append(
+            f"{at_end} of {len(data.scores)} scores lie at the end of their scale, where runs do not scatter: "
+            "intervals are too narrow at settings that score otherwise, and may be at the recommended ones."
+        )
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:

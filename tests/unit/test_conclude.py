@@ -30,6 +30,7 @@ from seqrsm.report.rounding import format_plain
 from seqrsm.report.sections.model import diagnostics_section
 from seqrsm.report.sections.summary import _ends, _next_steps, _settings_table, recommendation, summary_section
 from seqrsm.report.wording import half_width_text
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -145,6 +146,16 @@ def test_a_measured_percentage_on_the_logit_scale_is_promised_no_more_than_100(t
     found = analysed(tmp_path / "c", text, POINTS, scores).optimum
     assert found.prediction.high == 100.0
     assert max(promised(found)) == 100.0
+
+
+def test_scores_at_the_end_of_their_scale_are_told_to_hide_what_others_scatter_by(tmp_path: Path, monkeypatch) -> None:
+    """Repeats that all scored 100 percent made intervals of a tenth of a percent, and nothing was said."""
+    monkeypatch.setattr(ApplicationSpec, "score_limits", property(lambda self: (0.0, 100.0)))
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2)).round(3)
+    for high, told in ((11, True), (10, False)):
+        scores = np.r_[np.full(high, 100.0), np.linspace(80.0, 99.0, 20 - high)]
+        found = analysed(tmp_path / str(high), specification(numeric(2)), points, scores)
+        assert any(f"{high} of 20 scores lie at the end of their scale" in text for text in found.warnings) is told
 
 
 def test_confirmation_runs_are_evidence_once_later_runs_are_scored() -> None:

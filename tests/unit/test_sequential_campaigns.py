@@ -332,6 +332,14 @@ def test_fresh_runs_that_one_application_wants_do_not_wait_for_the_other(campaig
     assert not noisy.decision.held
     assert sharp.confirmation is not None
     assert sharp.decision.held
+    assert "at the recommended settings averaged" in sharp.confirmation.text
+    # Settings recommended by another model are not those that were confirmed.
+    toml = made.folder / "campaign.toml"
+    toml.write_text(toml.read_text("utf-8") + "\n[model]\norder = 1\n", "utf-8")
+    moved = Campaign.open(made.folder).analyse_all("sharp")[0].confirmation
+    assert moved is not None
+    assert "at x0 " in moved.text
+    assert "recommended before, averaged" in moved.text
 
 
 def test_each_application_without_a_confirmation_gets_one_of_its_own(campaign) -> None:
