@@ -33,6 +33,8 @@ class Sufficing:
     """Whether it is a difference."""
     sign: float
     """1 where large scores are good, -1 where small ones are."""
+    most: float = math.inf
+    """Largest difference of two scores that there can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +67,8 @@ def compared(sensor: FloatArray, other: FloatArray, rule: Sufficing, level: floa
     return Comparison(
         score=float(sensor.mean()),
         difference=mean,
-        confidence=Interval(mean - half, mean + half),
-        one_ground=Interval(*ends),
+        confidence=Interval(mean - half, mean + half).within(-rule.most, rule.most),
+        one_ground=Interval(*ends).within(-rule.most, rule.most),
         probability=share,
     )
 
@@ -128,6 +130,6 @@ def by_surface(
         score=float(mean[0]),
         difference=float(mean[0] - mean[1]),
         confidence=mixed_quantiles(gains, level).also_less(optimism - above),
-        one_ground=mixed_quantiles(futures, level).also_less(optimism - above),
+        one_ground=mixed_quantiles(futures, level).also_less(optimism - above).within(-rule.most, rule.most),
         probability=sum(share * float(np.mean(rule.sign * (one - rule.score) >= 0.0)) for one, share in judged),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -201,7 +201,8 @@ class _Comparer:
         score, sign = application.sufficient, sign_of(analysis.goal)
         relative = score is None
         margin = self.spec.stop_of(application.name).half_width
-        self.rule = Sufficing(-sign * margin if score is None else score, relative, sign)
+        least, most = application.score_limits
+        self.rule = Sufficing(-sign * margin if score is None else score, relative, sign, most - least)
         self.level = self.spec.stop.level
         kind = self.spec.stop.interval
         self.runs = {"prediction": 1.0, "prediction_mean": float(self.spec.stop.replicates)}.get(kind, math.inf)
@@ -246,7 +247,7 @@ class _Comparer:
         made = [[self.base], *(self.places[row["name"]] for row in told)]
         scores = self._simulated([one for places in made for one in places], self.fresh)
         optimum, first, *others = np.split(scores, np.cumsum([len(places) for places in made[:-1]]))
-        as_good = Sufficing(0.0, True, self.rule.sign)
+        as_good = replace(self.rule, score=0.0, relative=True)
         pairs = [("again", first, optimum, self.rule), *(("beside_first", one, first, as_good) for one in others)]
         for row, (key, own, other, rule) in zip(told, pairs, strict=True):
             whole = np.isfinite([*own, *other]).all(axis=(0, 2))

@@ -83,6 +83,15 @@ def test_of_one_occasion_a_world_all_variance_is_the_grounds_and_known_by_few() 
     assert (both.confidence.low, both.confidence.high) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
+def test_no_score_is_further_from_another_than_the_scale_is_long() -> None:
+    """A detection of 4 percent beside one of 90 was told to be 114 to 60 percent lower on one ground."""
+    optimum = 90.0 + 20.0 * np.random.default_rng(3).standard_normal((8, 2)).clip(-1.0, 0.5)
+    found = compared(np.full((1, 8, 2), 4.0), optimum, Sufficing(-30.0, True, 1.0, 100.0), 0.95, 1.0)
+    free = compared(np.full((1, 8, 2), 4.0), optimum, Sufficing(-30.0, True, 1.0), 0.95, 1.0)
+    assert free.one_ground.low < -100.0 == found.one_ground.low
+    assert (found.one_ground.high, found.confidence) == (free.one_ground.high, free.confidence)
+
+
 @pytest.mark.parametrize("beside", [0.0, [0.0, 15.0]])
 def test_one_ground_lies_at_any_place_of_the_swath(beside: float | list[float]) -> None:
     """Where the edges of a swath differ a ground scores as one of them, of either; interval and probability agree."""
