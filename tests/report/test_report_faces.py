@@ -366,7 +366,8 @@ def test_a_compromise_opens_the_summary(flight):
     _, sentence, table, own = build_report(two_uses(flight, compromise=found)).sections[0].blocks
     assert [row[0].text for row in own.rows] == ["drainage", "other use"]
     assert "95\u00a0% confidence and prediction intervals" in own.caption
-    assert not any(" " in cell.text for row in own.rows for cell in row[1:3])  # or a line ended within an interval
+    # A line ends before an interval, or it stood over the name beside it, never within one.
+    assert all(row[1].text.count(" ") == 1 and " (" in row[1].text and " " not in row[2].text for row in own.rows)
     assert sentence.text.startswith("Recommended compromise: ")
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"

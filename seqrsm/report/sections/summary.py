@@ -272,7 +272,7 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
     rows = (
         (
             analysis.application,
-            mean_text(analysis).replace(" ", "\u00a0"),
+            mean_text(analysis).replace(" ", "\u00a0").replace("\u00a0(", " ("),
             interval_text(analysis, analysis.optimum.prediction).replace(" ", "\u00a0"),
             *_most_important(analysis),
             _deciding(analysis),
