@@ -17,7 +17,7 @@ from seqrsm.scattering.readers import COVER
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.score.known_map import load_known_map
-from seqrsm.score.moisture import refuse_combination
+from seqrsm.score.moisture import refuse_alike, refuse_combination
 from seqrsm.score.pixels import large_fields, tile_m
 from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec, fixed_problem, placed
@@ -127,6 +127,8 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
             made = task.acquisitions
             for day in {one.visit.day for one in made} if of_one_kind else ():
                 refuse_combination([one.sensor for one in made if one.visit.day == day])
+            if of_one_kind:
+                refuse_alike([one.sensor for one in made], scene)
             # One of each kind, of which several sensors of a set may have their own.
             for kind, note in {note.partition(":")[0]: note for _, note in _sensor_notes(task, scene)}.items():
                 met.setdefault(kind, []).append(f"{note} (at {shown})")

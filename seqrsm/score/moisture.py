@@ -23,6 +23,10 @@ from seqrsm.simulate.radar.result import RadarImage
 
 _DUST: Final = 1e-12  # [m6/m6]: rounding where all the ground is one field
 _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
+_ALIKE: Final = (
+    "all the ground of a run has the same soil moisture",
+    "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd.",
+)
 
 
 def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int) -> UtilityScore:
@@ -55,8 +59,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
         text = f"soil moisture shows in a single {piece}: there is nothing to compare"
         raise SceneError(text, "Use a larger scene, or choose another utility.", field="utility")
     if variance == 0.0:
-        remedy = "Let fields differ: set soil_moisture_field_sd, such as 0.04 m3/m3, or soil_moisture_region_sd."
-        raise SceneError("all the ground of a run has the same soil moisture", remedy, field="utility")
+        raise SceneError(*_ALIKE, field="utility")
     square, se = cluster_ratio(weight * error**2, weight)
     skill = 1.0 - square / variance
     details: dict[str, object] = {
@@ -118,6 +121,13 @@ def refuse_combination(sensors: Sequence[Sensor]) -> None:
             "or give a radiometer dates of its own, by first_day in its [simulator.members]"
         )
         raise SceneError(text, remedy, field="utility")
+
+
+def refuse_alike(sensors: Sequence[Sensor], scene: Scene) -> None:
+    """Refuse with SceneError the sensors of a run whose ground is equally moist everywhere."""
+    differ = any(one.soil_moisture_field_sd or one.soil_moisture_region_sd for one in sensors)
+    if scene.soil_moisture is None and not differ:
+        raise SceneError(*_ALIKE, field="utility")
 
 
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:

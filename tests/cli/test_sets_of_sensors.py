@@ -252,6 +252,17 @@ def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
         assert composite.mode == "RGB"
 
 
+def test_ground_that_a_level_sees_as_moist_as_any_other_is_refused_before_runs(tmp_path, tiny_scene) -> None:
+    """The centre of the region was scored, and `run` made run after run at another level, none of which was."""
+    toml = text().replace('"percent_correct"', '"soil_moisture_error"')
+    toml = toml.replace('polarization = "VV+VH"\n', 'polarization = "VV+VH"\nsoil_moisture_field_sd = 0.04\n')
+    refused = seqrsm("check", make_tiny(tmp_path / "c", tiny_scene, toml))
+    assert refused.exit_code == 2
+    told = " ".join(refused.stderr.split())
+    assert "all the ground of a run has the same soil moisture. Let fields differ: set soil_moisture_field_sd" in told
+    assert "for instance at frequency L, dates 1" in told
+
+
 def test_a_calendar_of_the_user_s_is_simulated_reported_and_watched(tmp_path, tiny_scene) -> None:
     folder = with_calendar(tmp_path, tiny_scene)
     found = document("check", folder)
