@@ -141,8 +141,19 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
         run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
         stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
         told = (event["detail"] or {}).items()
-        detail = ", ".join(f"{name} {value}" for name, value in told if not name.endswith("_digest"))
+        detail = _detail_text({name: value for name, value in told if not name.endswith("_digest")})
         line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
+
+
+def _detail_text(value: object) -> str:
+    """What an event keeps, in a line: of tables in a list their number, which ``--json`` has in full."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{readable(str(name))} {_detail_text(one)}" for name, one in value.items())
+    if isinstance(value, list):
+        if any(isinstance(one, list | Mapping) for one in value):
+            return f"({len(value)}; in --json)"
+        return " ".join(map(_detail_text, value))
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:

@@ -292,6 +292,7 @@ def test_texts_for_people(copy) -> None:
         assert "tiny" in text or "cover" in text
     history = ok("status", copy, "--history")
     assert history.count("scored run") >= 20
+    assert not re.search(r"[\[{]['\[]|\d{13}", history), "tables and floats as a program writes them"
 
 
 def test_check_tells_of_all_its_simulations(tiny, monkeypatch) -> None:
