@@ -58,7 +58,7 @@ def show_ingest(report: IngestReport) -> None:
         parts = [
             counted(len(ids), f"{what} run") + done
             for ids, what, done in (
-                (report.matched, "proposed", " scored"),
+                (report.matched, "proposed", " ranked" if report.rankings else " scored"),
                 (report.created, "new", ""),
                 (report.unchanged, "unchanged", ""),
             )
