@@ -37,8 +37,6 @@ from seqrsm.spec.sensors import without_effect
 from seqrsm.spec.tables import ApplicationSpec, StopSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
-_SAME = 0.01  # coded settings so near are told as the same
-
 LOOK_DRAWS = 1000
 """Posterior draws of a look; by these the stop rule is held against its targets, so that all looks say the same."""
 
@@ -48,6 +46,9 @@ is told as more than 1000."""
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
+
+_SAME = 0.01
+"""Coded settings so near are told as the same."""
 
 
 def stop_rule(stop: StopSpec, ground_share: float = 0.0) -> StopRule:

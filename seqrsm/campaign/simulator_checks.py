@@ -69,11 +69,12 @@ def _idle_rows(spec: CampaignSpec, scene: Scene, task: SimulationTask) -> tuple[
     """What of the user's table and calendar has no effect: covers that the scene has not, perhaps by a slip."""
     assert spec.simulator is not None
     own: list[str] = []
-    for name, engine in ENGINES.items():
-        table, shipped = task.scattering(name), engine.table("").curves
-        own += [k if isinstance(k, str) else k[0] for k, one in table.curves.items() if one is not shipped.get(k)]
+    for name, engine in ENGINES.items() if spec.simulator.table else ():
+        curves, shipped = task.scattering(name).curves, engine.table("").curves
+        own += [k if isinstance(k, str) else k[0] for k, one in curves.items() if one is not shipped.get(k)]
     notes = []
-    for file, names in ((spec.simulator.table, own), (spec.simulator.calendar, table.calendar.own)):
+    calendar = task.scattering(spec.simulator.engine).calendar
+    for file, names in ((spec.simulator.table, own), (spec.simulator.calendar, calendar.own)):
         if idle := [name for name in dict.fromkeys(names) if name not in scene.categories]:
             has = ", ".join(scene.categories)
             notes.append(f"rows of {file} for {', '.join(idle)} have no effect: the scene has {has}")

@@ -368,3 +368,10 @@ def test_prior_constraint_and_consideration_go_with_every_command(kind: str, tmp
         done = CliRunner().invoke(app, [command, str(folder)])
         assert isinstance(done.exception, SystemExit | None), (command, done.exception)
         assert done.exit_code in (0, 2 if command == "check" else 0), (command, done.stderr)
+
+
+@pytest.mark.parametrize(("at_end", "is_told"), [(24, False), (20, True), (12, False)])
+def test_scores_at_the_end_of_their_scale_are_told_unless_all_are_equal(at_end: int, is_told: bool, tmp_path) -> None:
+    rows = [row | {"score": 100.0} if i < at_end else row for i, row in enumerate(QUADRATIC)]
+    shown = CliRunner().invoke(app, ["fit", str(make(tmp_path / "c", X + FREQUENCY, rows, "", PERCENT))]).output
+    assert (f"{at_end} of 24 scores lie at the end of their scale" in " ".join(shown.split())) == is_told

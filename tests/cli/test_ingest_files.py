@@ -376,7 +376,7 @@ def test_the_same_rankings_again_do_not_count_twice(ranked):
 
 
 def test_rankings_known_already_are_nothing_new(ranked):
-    ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
+    assert "3 proposed runs ranked" in ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
     assert ranked.ingest(ranking_file(bob="2 1 3"), name="again.csv").strip() == "again.csv: nothing new"
 
 

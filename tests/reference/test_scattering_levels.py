@@ -292,6 +292,16 @@ def test_a_level_is_what_the_equations_of_a_mixed_model_expect_of_another_ground
         assert db(category, ghz, channel, 40.0) == pytest.approx(expected, abs=0.02), category
 
 
+@pytest.mark.parametrize("channel", POLARIZATIONS)
+def test_an_assumed_level_stays_as_it_is(channel: str) -> None:
+    """Hay in L band, mean of what is expected of grass and forage."""
+    (row,) = (r for r in shipped_rows("levels.csv") if r.text("source") == "assumed_kin" and
+              (r.text("category"), r.text("polarization")) == ("Hay", channel))  # fmt: skip
+    assert db("Hay", 1.25, channel, 40.0) == pytest.approx(float(row.text("sigma0_db")), abs=0.01)
+    kin = [db(category, 1.25, channel, 40.0) for category in ("Grass", "Forage")]
+    assert np.mean(kin) == pytest.approx(float(row.text("sigma0_db")), abs=0.1)
+
+
 def test_levels_drawn_to_their_middle_foretell_a_ground_that_was_left_out() -> None:
     """Contrasts of its covers: an error of 2.7 dB with the means of other grounds, of 2.2 dB with those drawn so."""
     left: dict[int, list[float]] = {0: [], 1: []}

@@ -90,6 +90,10 @@ def test_no_score_is_further_from_another_than_the_scale_is_long() -> None:
     free = compared(np.full((1, 8, 2), 4.0), optimum, Sufficing(-30.0, True, 1.0), 0.95, 1.0)
     assert free.one_ground.low < -100.0 == found.one_ground.low
     assert (found.one_ground.high, found.confidence) == (free.one_ground.high, free.confidence)
+    few = compared(
+        np.zeros((1, 2, 2)), np.array([[90.0, 90.0], [100.0, 100.0]]), Sufficing(-30.0, True, 1.0, 100.0), 0.95, 1.0
+    )
+    assert (few.difference, few.confidence.low) == (-95.0, -100.0)
 
 
 @pytest.mark.parametrize("beside", [0.0, [0.0, 15.0]])

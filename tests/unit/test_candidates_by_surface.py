@@ -91,3 +91,12 @@ def test_no_score_is_beyond_what_there_can_be(found, sign: float) -> None:
     drawn = np.clip(means + scatter - [above, 0.0], *limits)
     ends = np.quantile(drawn[:, 0] - drawn[:, 1], [0.025, 0.975]) - [max(-above, 0.0), min(-above, 0.0)]
     assert [one.confidence.low, one.confidence.high] == pytest.approx(ends, abs=0.1 * np.ptp(ends))
+
+
+def test_one_ground_tells_no_difference_beyond_the_scale(found) -> None:
+    points = np.array([[-1.0, -0.5, 1.0], [1.0, 0.4, 2.0]])
+    free = told(found, points, Sufficing(-2.0, True, 1.0)).one_ground
+    most = -0.5 * (free.low + free.high)
+    cut = told(found, points, Sufficing(-2.0, True, 1.0, most)).one_ground
+    assert free.low < -most < free.high < 0.0
+    assert (cut.low, cut.high) == (-most, free.high)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scored_campaigns import campaign, specification
 
 from seqrsm.campaign.simulation import SimulationTask, acquisitions_of
+from seqrsm.campaign.simulator_checks import _idle_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.errors import ConfigurationError, ScatteringDataError, SpecError
 from seqrsm.report.blocks import Paragraph, Table
@@ -302,3 +304,14 @@ def test_a_dot_in_a_name_alone_makes_no_member_of_a_set() -> None:
 def test_a_band_with_a_table_of_its_own_is_named_once() -> None:
     (problem,) = set_problems("L+Q", {"C": {"polarization": "VV+VH"}, "az": {"frequency": 9.4}})
     assert problem.remedy.endswith(": P, L, S, C, X, Ku, K, Ka, az")
+
+
+def test_rows_of_either_quantity_for_covers_that_a_scene_has_not_are_told(tmp_path) -> None:
+    header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n"
+    own = tmp_path / "own.csv"
+    kinds = ("sigma0,Grass,1.25,HH", "-10,dB"), ("emissivity,Gras,1.4,H", "0.9,1")
+    own.write_text(header + "".join(f"{a},{theta},{b},measured,me\n" for a, b in kinds for theta in (0, 60)))
+    task = SimulationTask("psm", 1, 0, {}, {}, "s.npz", str(own), ())
+    spec = SimpleNamespace(simulator=SimpleNamespace(engine="psm", table="own.csv", calendar=""))
+    (note,) = _idle_rows(spec, SimpleNamespace(categories=("Grass", "Water")), task)
+    assert note == "rows of own.csv for Gras have no effect: the scene has Grass, Water"

@@ -38,7 +38,7 @@ from seqrsm.score.brightness import (
     retrieved_squares,
 )
 from seqrsm.score.brightness import _covariance as _of_brightness
-from seqrsm.score.moisture import expected_spread, score_moisture
+from seqrsm.score.moisture import expected_spread, refuse_alike, score_moisture
 from seqrsm.score.pixels import seen_pixels
 from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.named import with_noise
@@ -976,3 +976,12 @@ def test_a_date_is_as_moist_as_one_between_the_stated_ends(monkeypatch: pytest.M
     retrieved_squares(simulate_radiometer(s, r, quiet_table(), seed=2, run_id=1), s)
     of_date = stats.uniform(0.1, 0.3)
     assert asked[0] == pytest.approx((of_date.mean(), np.hypot(of_date.std(), 0.05)))
+
+
+def test_ground_is_alike_unless_the_scene_or_a_sensor_lets_it_differ() -> None:
+    still, differing = (SimpleNamespace(soil_moisture_field_sd=0.0, soil_moisture_region_sd=sd) for sd in (0.0, 0.04))
+    plain, layered = SimpleNamespace(soil_moisture=None), SimpleNamespace(soil_moisture=np.full((4, 4), 0.2))
+    with pytest.raises(SceneError, match="the same soil moisture"):
+        refuse_alike([still, still], plain)
+    refuse_alike([still, differing], plain)
+    refuse_alike([still], layered)
