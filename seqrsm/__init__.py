@@ -14,7 +14,7 @@ In a notebook::
 See `seqrsm.Campaign`.
 """
 
-__version__ = "0.8.0"
+__version__ = "0.9.0"
 _NOTEBOOK = ("Campaign", "Fit")
 
 

@@ -322,7 +322,10 @@ def test_levels_drawn_to_their_middle_foretell_a_ground_that_was_left_out() -> N
 def test_crops_of_a_world_are_as_far_apart_as_those_of_a_measured_ground(
     band: str, ghz: float, channels: tuple[str, ...]
 ) -> None:
-    """Variance between covers: with plain means of two grounds in L band, worlds had 1.7 times that of a ground."""
+    """Variance between covers: with plain means of two grounds in L band, worlds had 1.7 times that of a ground.
+
+    L-band flights met the weather of a date, which a run draws; C-band levels are means of months.
+    """
     measured, drawn = [], []
     worlds = [TABLE.in_world(World(1979, k)) for k in range(60)]
     for channel in channels:
@@ -335,8 +338,9 @@ def test_crops_of_a_world_are_as_far_apart_as_those_of_a_measured_ground(
             squares, freedom = squares + np.var(level) * len(level), freedom + len(level) - 1
         measured.append(squares / freedom)
         there = [10.0 * np.log10(world.lookup([*covers], ghz, channel).sigma0[:, 40]) for world in worlds]
-        drawn.append(np.mean(np.var(there, axis=1, ddof=1)))
-    assert np.mean(drawn) == pytest.approx(np.mean(measured), rel=0.25)
+        of_dates = np.mean(np.square(TABLE.lookup([*covers], ghz, channel).date_sd_db)) if band == "L" else 0.0
+        drawn.append(np.mean(np.var(there, axis=1, ddof=1)) + of_dates)
+    assert np.mean(drawn) == pytest.approx(np.mean(measured), rel=0.2)
 
 
 @pytest.mark.parametrize("channel", ["HV", "VV"])

@@ -206,7 +206,7 @@ HEAD = """# Simulation and flights together: Flevoland
 
 Written by `python tests/studies/flevoland_flights.py --campaigns {campaigns}`. Each campaign simulates {runs} runs over
 the labelled fields, every run in a world of its own, from class means as two other grounds let expect them, one draw,
-known to 2.1 dB (HV 3.1 dB): the flight's own means are left out. Real AIRSAR scores are then taken in as flights; those
+known to 1.7 dB (HV 2.6 dB): the flight's own means are left out. Real AIRSAR scores are then taken in as flights; those
 of the 196 configurations that are left test the 95 % prediction interval of a flight. *Covered*: share of them
 inside, mean over campaigns and its standard error; *up to 97 m*: of those alone, since coarser cells hold much of the
 ground between the labelled fields, which is drawn. *Half-width*, *predicted* and *real there* are of the recommended
