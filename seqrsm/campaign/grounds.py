@@ -176,7 +176,11 @@ class Grounds:
         found = sorted((one for one in found if math.isfinite(one["se"])), key=lambda one: float(one["left"]))[:COVERS]
         if len(found) > 1 and len({analysis.optimum.helped(one["left"]) for one in found}) == 1:
             names = tuple(one["covers"][0] for one in found)
-            found.append(left(names, moved([names])[0]))
+            joint = left(names, moved([names])[0])
+            joint["left"] = min(
+                joint["left"], found[0]["left"]
+            )  # all leave no more than the first, whatever few worlds say
+            found.append(joint)
         return found, unit
 
     def _measured(self, application: str, settings: Mapping[str, float | str]) -> bool:
