@@ -58,84 +58,111 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     # The same content may bring back what was made void since.
     if already is not None and not (void and any(run.run_id is None or run.run_id in void for run in file.runs)):
         return IngestOutcome(already=already)
-    before = len(problems)
-    n_new = 0
-    matched: list[int] = []
-    created: list[int] = []
-    replaced: list[tuple[int, int]] = []
-    unchanged: list[int] = []
-    equal: list[EqualRow] = []
-    moved: list[int] = []
-    batch = ledger.last_batch() + 1
-    known = _KnownRuns(ledger.runs(sa.true())) if any(run.run_id is None for run in file.runs) else None
-    fresh: list[tuple[IngestedRun, RunRecord | None]] = []
-    strange: list[tuple[int | None, int]] = []
-    first = ledger.next_id()
-    ranked_already = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
+    before, batch = len(problems), ledger.last_batch() + 1
+    rows = _Rows(ledger, file, heirs, problems)
     for run in file.runs:
-        twin = known.take(run) if known is not None and run.run_id is None else None
-        wanted = run.run_id if twin is None else twin.run_id
-        while twin is None and wanted in heirs:
-            wanted = heirs[wanted]
-        found = () if wanted is None else ledger.runs(RUNS.c.id == wanted)
-        old = found[0] if found else None
-        _refuse_ranked(ranked_already, run, file.name, problems)
-        again = twin
-        while known is not None and again is not None:
-            new = tuple(score for score in run.scores if again.score_of(score.application) is None)
-            equal += [EqualRow(score.source_row, again.run_id, again.state) for score in run.scores if score not in new]
-            run = replace(run, scores=new)
-            # An earlier file may have told the scores of this run as those of several.
-            again = known.take(run) if new else None
-        if twin is not None and (twin.state == "void" or not run.scores):
-            unchanged.append(twin.run_id)
-        elif wanted is not None and old is None:
-            strange.append((run.scores[0].source_row, wanted))
-        elif old is None or old.state == "void":
-            created.append(first + len(fresh))
-            n_new += len(run.scores)
-            fresh.append((run, old))
-            if old is not None:
-                replaced.append((old.run_id, created[-1]))
-        elif added := _match(ledger, run, old, file.name, problems):
-            n_new += added
-            matched.append(old.run_id)
-            if dict(run.settings) != old.proposed:
-                moved.append(old.run_id)
-        else:
-            unchanged.append(run.run_id or old.run_id)
-    if strange:
-        (line, wanted), *others = strange
-        message = "there is no such run" + more_rows([row for row, _ in others])
-        remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
-        if first == 1:  # as of an export
-            remedy = "This campaign has no runs yet: remove the column run_id, and rows of void runs."
-        problems.append(Problem(message, remedy, file.name, line, "run_id", wanted))
-    _create(ledger, fresh, batch)
+        rows.take(run)
+    rows.refuse_strange()
+    _create(ledger, rows.fresh, batch)
     numbers, n_ranks, ranked_runs = add_rankings(ledger, file, problems)
     if len(problems) > before:
         return IngestOutcome()
     applications = dict.fromkeys(ranking.application for ranking in file.rankings)
     ranked = tuple(score_rankings(ledger, application) for application in applications) if numbers else ()
     row = {"name": file.name, "sha256": file.sha256, "row_count": file.row_count}
+    scored = bool(rows.matched or rows.created)
     if already is None:
         ledger.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
-    elif not (matched or created or any(row.state == "void" for row in equal)):
+    elif not (scored or any(row.state == "void" for row in rows.equal)):
         return IngestOutcome(already=already)
-    if already is None or matched or created:
-        detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
-        ledger.log("ingested", [(None, detail)])
+    if already is None or scored:
+        detail = {**row, "matched": rows.matched, "created": rows.created}
+        ledger.log("ingested", [(None, {**detail, **({"rankings": numbers} if numbers else {})})])
     return IngestOutcome(
-        n_new=n_new + n_ranks,
-        matched=tuple(matched) + ranked_runs,
-        created=tuple(created),
-        replaced=tuple(replaced),
-        unchanged=tuple(unchanged),
-        equal=tuple(equal),
-        moved=tuple(moved),
+        n_new=rows.n_new + n_ranks,
+        matched=tuple(rows.matched) + ranked_runs,
+        created=tuple(rows.created),
+        replaced=tuple(rows.replaced),
+        unchanged=tuple(rows.unchanged),
+        equal=tuple(rows.equal),
+        moved=tuple(rows.moved),
         rankings=numbers,
         ranked=ranked,
     )
+
+
+class _Rows:
+    """What becomes of a file's rows of measured scores, as `IngestOutcome` has it, one row after another."""
+
+    def __init__(
+        self, ledger: Ledger, file: IngestedFile, heirs: Mapping[int | None, int], problems: list[Problem]
+    ) -> None:
+        self._ledger, self._name, self._problems = ledger, file.name, problems
+        self._heirs = heirs  # of void runs, by their ids
+        nameless = any(run.run_id is None for run in file.runs)
+        self._known = _KnownRuns(ledger.runs(sa.true())) if nameless else None
+        self._ranked = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
+        self._first = ledger.next_id()
+        self._strange: list[tuple[int | None, int]] = []
+        self.fresh: list[tuple[IngestedRun, RunRecord | None]] = []
+        self.n_new = 0
+        self.matched: list[int] = []
+        self.created: list[int] = []
+        self.replaced: list[tuple[int, int]] = []
+        self.unchanged: list[int] = []
+        self.equal: list[EqualRow] = []
+        self.moved: list[int] = []
+
+    def take(self, run: IngestedRun) -> None:
+        """Add a row's scores to the run that it names; what is to be a new run is kept in `fresh`."""
+        _refuse_ranked(self._ranked, run, self._name, self._problems)
+        run, twin = self._without_known(run)
+        wanted = run.run_id if twin is None else twin.run_id
+        while twin is None and wanted in self._heirs:
+            wanted = self._heirs[wanted]
+        found = () if wanted is None else self._ledger.runs(RUNS.c.id == wanted)
+        old = found[0] if found else None
+        if twin is not None and (twin.state == "void" or not run.scores):
+            self.unchanged.append(twin.run_id)
+        elif wanted is not None and old is None:
+            self._strange.append((run.scores[0].source_row, wanted))
+        elif old is None or old.state == "void":
+            self.created.append(self._first + len(self.fresh))
+            self.n_new += len(run.scores)
+            self.fresh.append((run, old))
+            if old is not None:
+                self.replaced.append((old.run_id, self.created[-1]))
+        elif added := _match(self._ledger, run, old, self._name, self._problems):
+            self.n_new += added
+            self.matched.append(old.run_id)
+            if dict(run.settings) != old.proposed:
+                self.moved.append(old.run_id)
+        else:
+            self.unchanged.append(run.run_id or old.run_id)
+
+    def _without_known(self, run: IngestedRun) -> tuple[IngestedRun, RunRecord | None]:
+        """A row without the scores that earlier files brought, and the run that has them; None: there is none."""
+        if self._known is None or run.run_id is not None:
+            return run, None
+        twin = again = self._known.take(run)
+        while again is not None:
+            new = tuple(score for score in run.scores if again.score_of(score.application) is None)
+            old = [score for score in run.scores if score not in new]
+            self.equal += [EqualRow(score.source_row, again.run_id, again.state) for score in old]
+            run = replace(run, scores=new)
+            # An earlier file may have told the scores of this run as those of several.
+            again = self._known.take(run) if new else None
+        return run, twin
+
+    def refuse_strange(self) -> None:
+        """Note rows that name no run."""
+        if self._strange:
+            (line, wanted), *others = self._strange
+            message = "there is no such run" + more_rows([row for row, _ in others])
+            remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
+            if self._first == 1:  # as of an export
+                remedy = "This campaign has no runs yet: remove the column run_id, and rows of void runs."
+            self._problems.append(Problem(message, remedy, self._name, line, "run_id", wanted))
 
 
 _ROUNDED = 0.5
