@@ -43,10 +43,14 @@ def few(numbers: Sequence[int | None]) -> str:
     return ", ".join(str(number) for number in numbers[:10]) + (", ..." if len(numbers) > 10 else "")
 
 
+def lines_of(numbers: Sequence[int | None]) -> str:
+    """The first ten lines of a file, as in "line 3" or "lines 3, 4"."""
+    return f"{'line' if len(numbers) == 1 else 'lines'} {few(numbers)}"
+
+
 def more_rows(lines: Sequence[int | None]) -> str:
     """What follows a message that holds for further lines of a file, too; "" for none."""
-    places = f"{'line' if len(lines) == 1 else 'lines'} {few(lines)}"
-    return f" (so {counted(len(lines), 'more row')}: {places})" if lines else ""
+    return f" (so {counted(len(lines), 'more row')}: {lines_of(lines)})" if lines else ""
 
 
 def heading(title: str, unit: str) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 from seqrsm.campaign.export import factor_columns
 from seqrsm.campaign.guards import block_of, is_moved, ranking_suspects, see_meaning, suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.plain import counted, few, shallow
+from seqrsm.plain import counted, few, lines_of, shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
@@ -241,11 +241,10 @@ def _remarks(outside: Sequence[int], unscored: Sequence[int] = ()) -> list[str]:
     """Lines with settings outside the region, and lines without a score."""
     found = []
     if outside:
-        found.append(f"Scores kept although outside the campaign's region (lines {few(outside)}): {len(outside)}.")
+        found.append(f"Scores kept although outside the campaign's region ({lines_of(outside)}): {len(outside)}.")
     if unscored:
-        lines = f"{'line' if len(unscored) == 1 else 'lines'} {few(unscored)}"
         rows = counted(len(unscored), "row has", "rows have")
-        found.append(f"{rows} no score yet and may be ingested later ({lines}).")
+        found.append(f"{rows} no score yet and may be ingested later ({lines_of(unscored)}).")
     return found
 
 
@@ -263,10 +262,10 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
         count = f"{counted(len(outcome.moved), 'proposed run')} {'was' if len(outcome.moved) == 1 else 'were'}"
         messages.append(f"{count} made at other settings ({few(outcome.moved)}); both are kept.")
     if outcome.equal:
-        lines = few([row.line for row in outcome.equal])
+        lines = lines_of([row.line for row in outcome.equal])
         messages.append(
             f"{counted(len(outcome.equal), 'score')} without a run id not counted twice, equal to earlier scores in "
-            f"every column that both have (lines {lines}). A true repeat must differ in a column such as date."
+            f"every column that both have ({lines}). A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":

@@ -233,7 +233,7 @@ def test_the_form_comes_back_with_other_settings_and_its_block(make):
 
 def test_outside_the_region_is_flagged_for_good(make):
     folder = make()
-    assert "outside the campaign's region (lines 3)" in folder.ingest(f"{HEADER}\n1.5,12,HH,70\n35,12,HH,71\n")
+    assert "outside the campaign's region (line 3)" in folder.ingest(f"{HEADER}\n1.5,12,HH,70\n35,12,HH,71\n")
     assert [run["scores"][0]["metadata"].get("outside_region") for run in folder.runs()] == [None, True]
 
 
@@ -290,7 +290,7 @@ def test_one_of_a_kind_is_told_in_the_singular(make):
     folder.ingest(f"{HEADER}\n1.5,12,HH,70\n", name="b.csv")
     told = folder.ingest(f"{HEADER},note\n1.5,12,HH,70,\n", name="c.csv")
     assert (
-        "1 score without a run id not counted twice, equal to earlier scores in every column that both have (lines 2)"
+        "1 score without a run id not counted twice, equal to earlier scores in every column that both have (line 2)"
         in told
     )
 
@@ -485,7 +485,7 @@ def test_rankings_and_scores_do_not_mix(ranked, make):
 
 def test_settings_flown_stand_in_the_rankings(ranked):
     text = f"run_id,interpreter,rank,{HEADER[: -len(',score')]}\n1,ann,1,1.7,12,HH\n2,ann,2,30,13,VV\n"
-    assert "outside the campaign's region (lines 3)" in ranked.ingest(text)
+    assert "outside the campaign's region (line 3)" in ranked.ingest(text)
     assert ranked.runs()[0]["executed"] == {"frequency": 1.7, "resolution": 12.0, "polarization": "HH"}
 
 
