@@ -205,10 +205,11 @@ def _ridge_warning(form: CanonicalForm, names: list[str], level: bool) -> str:
         strongest = np.argsort(-np.abs(form.eigenvectors[:, j]))[:2]
         axes.append(" and ".join(names[i] for i in strongest if abs(form.eigenvectors[i, j]) > 0.3))
     share = 100.0 * float(np.abs(form.eigenvalues[form.flat]).max() / np.abs(form.eigenvalues).max())
+    which = "this direction" if len(axes) == 1 else "these directions"
     return (
         f"The curvature along {'; '.join(axes)} is at most {share:.2g} % of the largest (ridge threshold "
-        f"{100.0 * FLAT:g} %): the response changes little in that direction, in which the stationary point is "
-        "poorly determined."
+        f"{100.0 * FLAT:g} %): the response changes little in {which}, in which the stationary point is poorly "
+        "determined."
     )
 
 

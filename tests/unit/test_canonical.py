@@ -101,6 +101,8 @@ def test_ridge_and_plane_are_told_in_words() -> None:
     warning = stationary_point(both, Region(third), of_three).warning
     assert "along z; y" in warning or "along y; z" in warning
     assert "at most 5 % of the largest (ridge threshold 10 %)" in warning
+    assert "in these directions" in warning
+    assert "in this direction" in ridge.warning
     plane = stationary_point(model, region, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
     assert plane.kind == "none"
     assert not plane.inside_region

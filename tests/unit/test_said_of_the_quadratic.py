@@ -58,6 +58,15 @@ def test_what_is_the_quadratics_is_said_to_be(narrow):
     assert "The fitted surface has" not in told
 
 
+def test_on_a_ridge_the_settings_told_are_those_of_one_of_its_points(narrow):
+    """They were told as the ridge's own, with errors that leave its length out: 7.9 (7.1 to 8.8) of 1 to 50 W."""
+    ridge = dataclasses.replace(narrow.stationary, kind="ridge", flat=np.array([False, True]))
+    for found, told in ((ridge, "a ridge whose point nearest to the centre lies"), (narrow.stationary, "a maximum")):
+        assert f"The quadratic has {told} inside the region at" in str(
+            shape_section(dataclasses.replace(narrow, stationary=found), "x")
+        )
+
+
 def test_the_condition_number_is_of_columns_of_unit_length(narrow):
     columns = narrow.fit.Z / np.linalg.norm(narrow.fit.Z, axis=0)
     (quality,) = [one for one in tables(model_section(narrow, "x")) if one.caption == "Quality of the fit"]

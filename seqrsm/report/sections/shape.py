@@ -157,7 +157,9 @@ def _shape(analysis: Analysis) -> list[Block]:
         if analysis.region.categorical
         else "The quadratic "
     )
-    text += f"has a {stationary.kind} {where} the region at {_place(analysis, stationary.point, stationary.se)}."
+    nearest = " whose point nearest to the centre lies" if stationary.flat.any() else ""
+    place = _place(analysis, stationary.point, stationary.se)
+    text += f"has a {stationary.kind}{nearest} {where} the region at {place}."
     method = " \u00b1 and brackets: one standard error either way, by the delta method on the scale of the factor."
     blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
