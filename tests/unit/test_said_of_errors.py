@@ -9,7 +9,7 @@ from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Details, Equation, Table
-from seqrsm.report.sections.model import importance_section, model_section
+from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
 from seqrsm.report.sections.shape import shape_section
 
 POINTS = np.round(spread(40, 2), 3)
@@ -97,6 +97,16 @@ def test_the_scale_of_student_errors_is_not_called_their_standard_deviation(stud
     days = student.fitted.surface.days(made_of(tmp_path, 'errors = "student_t"\nblock = "day"').spec)
     assert student.blocks.sigma_block == days.sigma_day
     assert student.blocks.ratio == pytest.approx(np.array(days.sigma_ratio_interval(0.95)) / np.sqrt(2.0))
+
+
+def test_repeats_that_agree_are_not_called_wild(tmp_path):
+    """Two runs on a step lie far off the quadratic, and are right."""
+    points = np.repeat(np.linspace(-1.0, 1.0, 12), 2)[:, None]
+    scores = np.where(points[:, 0] > 0.95, -20.0, 0.0) + 0.3 * np.random.default_rng(2).normal(size=24)
+    found = analysed(tmp_path / "c", specification(numeric(1), rest='[model]\nerrors = "student_t"\n'), points, scores)
+    told = str(diagnostics_section(found, "x"))
+    assert "Far off the quadratic, and counted for less than a quarter of a score on it: runs 23 and 24." in told
+    assert "Wild" not in told
 
 
 def test_an_alternative_that_is_likelier_is_not_said_to_refute_a_quadratic(tmp_path):

@@ -349,7 +349,8 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     flagged = ids[outlier_p(fit) < OUTLIER]
     found = []
     if (wild := ids[_share_counted(analysis) < _WILD]).size:  # its small weight hides it from the test of outliers
-        found.append(f"Wild scores, which count for less than a quarter of one on the surface: {_runs(wild)}.")
+        name = analysis.model.name
+        found.append(f"Far off the {name}, and counted for less than a quarter of a score on it: {_runs(wild)}.")
     elif flagged.size:
         found.append(f"Outliers (5 % level, Bonferroni): {_runs(flagged)}.")
     else:
