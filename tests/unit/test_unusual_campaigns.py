@@ -35,6 +35,7 @@ from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
 NOISE = np.random.default_rng(9).normal(size=24)
+N30 = np.random.default_rng(1).normal(size=30)
 LOGIT = '[model]\nresponse = "logit"\n'
 
 
@@ -412,3 +413,13 @@ def test_no_region_is_widened_for_pure_noise(tmp_path):
     text, _, steps = summary(edge, made.spec)
     assert "No factor has a significant effect" in text
     assert not any("widening" in step for step in steps)
+
+
+def test_no_region_is_widened_for_a_factor_without_a_significant_effect(tmp_path):
+    made = campaign(tmp_path / "c", specification(numeric(3)), spread(30, 3), 50.0 + 9.0 * spread(30, 3)[:, 0] + N30)
+    (analysis,) = made.analyse_all(n_draws=400)
+    edge = replace(analysis, optimum=replace(analysis.optimum, at_bound=dict.fromkeys(("x0", "x1"), "high")))
+    _, figures, steps = summary(edge, made.spec)
+    assert [row.p <= 0.05 for row in analysis.importance] == [True, False, False]
+    assert "Consider widening the region: the optimum lies on its edge, x0 (high)." in steps
+    assert "then" not in figures["Most important factor"][1]

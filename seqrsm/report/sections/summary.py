@@ -243,8 +243,8 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
     detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
     if _flat(analysis) or min(row.p for row in tested.values()) > _CLEAR_P:
         return "none significant", f"{readable(ranked[0])} ranks first: {detail}"
-    if len(ranked) > 1:
-        detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
+    if then := [readable(name) for name in ranked[1:4] if tested[name].p <= _CLEAR_P]:
+        detail += f"; then {listing(then)}"
     return readable(ranked[0]), detail
 
 
@@ -317,7 +317,8 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Raise the budget or accept the result as it stands. {_loss_sentence(spec, analysis)}"
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(spec, analysis)}"
-    edges = best.edges(name for name in best.at_bound if _can_widen(spec, best.settings, name))
+    idle = {row.factor for row in analysis.importance if row.p > _CLEAR_P}
+    edges = best.edges(name for name in best.at_bound if name not in idle and _can_widen(spec, best.settings, name))
     if edges and not _flat(analysis):
         yield f"Consider widening the region: the optimum lies on its edge, {listing(edges)}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
