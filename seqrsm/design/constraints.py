@@ -313,4 +313,4 @@ class Constraint:
 
 def arithmetic(text: str) -> Constraint:
     """Arithmetic in the factors' natural units, as the right side of a comparison; errors of `Constraint`."""
-    return Constraint(f"0 <= ({text})")
+    return Constraint(f"0 <= (\n{text})")  # on a line of its own, so that columns told are the text's

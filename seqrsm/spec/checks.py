@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path as FilePath
 from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from seqrsm.design.constraints import Constraint, arithmetic
 from seqrsm.design.factors import CategoricalFactor, Factor, span
@@ -18,6 +21,7 @@ from seqrsm.spec.sensors import RESERVED
 from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path
 
+_COVER = 1000
 _T = TypeVar("_T", bound=Table, covariant=True)
 Tables: TypeAlias = Sequence[tuple[int, _T]]
 """Repeated tables that are right in themselves, each with its place in the file."""
@@ -140,15 +144,30 @@ def targets(applications: Tables[ApplicationSpec], stop: object, report: Reporte
                 report.add(("application", index, key), text, remedy)
 
 
-def expressions(tables: Tables[ConsiderationSpec], factors: Sequence[Factor], report: Reporter) -> None:
-    """Expressions of considerations: arithmetic in the factors."""
+def expressions(
+    tables: Tables[ConsiderationSpec], factors: Sequence[Factor], region: Region | None, report: Reporter
+) -> None:
+    """Expressions of considerations: arithmetic in the factors, with a value at points that cover the region."""
+    settings = region.natural(region.candidates(limit=_COVER)) if tables and region is not None else {}
     for index, table in tables:
         try:
-            problems = declaration_problems(factors, [arithmetic(table.expr)])
+            written = arithmetic(table.expr)
+            problems = declaration_problems(factors, [written]) or _undefined(written, settings)
         except RegionError as error:
-            problems = list(error.problems)
+            problems = [replace(problem, value=table.expr) for problem in error.problems]
         for problem in problems:
             report.add(("consideration", index, "expr"), problem.message, problem.remedy, problem.value or table.expr)
+
+
+def _undefined(written: Constraint, settings: Mapping[str, np.ndarray]) -> list[Problem]:
+    """The first of the settings, (n,) by name, at which the expression has no value."""
+    own = {name: values for name, values in settings.items() if name in written.names}
+    nowhere = np.flatnonzero(~np.isfinite(written.right(own, max(map(len, own.values()), default=0))))
+    if not nowhere.size:
+        return []
+    there = {name: values[nowhere[0]] for name, values in own.items()}
+    at = ", ".join(f"{name} {value if isinstance(value, str) else f'{value:.6g}'}" for name, value in there.items())
+    return [Problem(f"there is no finite value at {at}", "Change it, or exclude such settings by a constraint.")]
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:

@@ -348,13 +348,14 @@ def _checked(
     spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", considerations, report)
     known = [factor for factor in factors if factor is not None]
+    region = spec_checks.region(factors, constraints, report) if factors else None
     if len(known) == len(factors):
-        spec_checks.expressions(considerations, known, report)
+        spec_checks.expressions(considerations, known, region, report)
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, names, simulated="simulator" in raw, report=report)
     spec_sensors.candidates(right["candidate"], sensors, names, report)
-    return spec_checks.region(factors, constraints, report) if factors else None
+    return region
 
 
 def _content_hash(single: Mapping[str, Table], repeated: Mapping[str, Sequence[Table]], region: Region) -> str:

@@ -482,6 +482,28 @@ def test_a_consideration_may_depend_on_a_level(load, expr, says):
     np.testing.assert_array_equal(arithmetic(spec.considerations[0].expr).right(settings, 2), [30.0, 40.0])
 
 
+@pytest.mark.parametrize(
+    ("expr", "says"),
+    [
+        ("log(resolution - 12)", "there is no finite value at resolution 10"),
+        ("1 / (resolution - 100)", "there is no finite value at resolution 100"),
+        ("1 / ((resolution - 10) * (polarization == 'VV'))", "no finite value at polarization HH, resolution 10"),
+        ("2 * 1e400", "a number is too large (column 5)"),
+        ("2 *", "this is not an expression"),
+    ],
+)
+def test_a_consideration_has_a_value_everywhere(load, expr, says):
+    """Where it had none, the search of a compromise did not end."""
+    (problem,) = problems(load, GOOD + f'[[consideration]]\nname = "price"\nexpr = "{expr}"\n')
+    assert says in problem.message
+    assert problem.value == expr
+
+
+def test_a_constraint_may_exclude_where_a_consideration_has_no_value(load):
+    text = GOOD + '[[consideration]]\nname = "price"\nexpr = "1 / (resolution - 10)"\n'
+    load(text + '[[constraint]]\nexpr = "resolution >= 11"\n')
+
+
 @pytest.mark.parametrize("score", [150.0, -0.1])
 def test_what_suffices_is_a_score_that_there_can_be(load, score):
     text = GOOD.replace('utility = "percent_correct"', f'utility = "percent_correct"\nsufficient = {score}')
