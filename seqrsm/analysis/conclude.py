@@ -365,7 +365,7 @@ def _notes(spec: CampaignSpec, fitted: Fitted, best: OptimumEstimate) -> list[st
     """How the result was found: nothing that casts doubt on it."""
     application, data, surface = fitted.application, fitted.data, fitted.surface
     idle = without_effect(spec.factors, best.settings)
-    why = "as its sensor is not in the set or there is but one date"
+    why = "as no sensor of the set takes it or there is but one date"
     found = [f"Of no effect, {why}: {', '.join(idle)}."] if idle else []
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:

@@ -106,8 +106,14 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
     return np.where(np.abs(t) <= 1.0, np.minimum(np.maximum(natural, low), high), natural)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OfSensors:
+    not_of: tuple[str, ...] = ()
+    """Members of a set of sensors that do not take it, or have their own."""
+
+
 @dataclass(frozen=True, slots=True)
-class ContinuousFactor:
+class ContinuousFactor(_OfSensors):
     """Numeric factor that takes any value of a closed interval; RegionError with all that is wrong."""
 
     name: str
@@ -145,7 +151,7 @@ class ContinuousFactor:
 
 
 @dataclass(frozen=True, slots=True)
-class DiscreteFactor:
+class DiscreteFactor(_OfSensors):
     """Numeric factor that takes only the values listed; RegionError with all that is wrong."""
 
     name: str
@@ -200,7 +206,7 @@ class DiscreteFactor:
 
 
 @dataclass(frozen=True, slots=True)
-class CategoricalFactor:
+class CategoricalFactor(_OfSensors):
     """Factor whose levels have no order, such as the polarization; RegionError with all that is wrong."""
 
     name: str

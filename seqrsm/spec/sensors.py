@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
@@ -115,17 +115,19 @@ def _in_sets(sets: Iterable[object]) -> set[str]:
 
 
 def without_effect(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> tuple[str, ...]:
-    """Names of factors of a member that is not in the set of ``settings``, and of intervals where there is one date."""
+    """Names of factors that no member of the set of ``settings`` takes, and of intervals where there is one date."""
     levels = [f.levels for f in factors if f.name == "frequency" and isinstance(f, CategoricalFactor)]
-    absent = _in_sets(level for own in levels for level in own) - _in_sets([settings.get("frequency")])
+    present = _in_sets([settings.get("frequency")])
+    absent = _in_sets(level for own in levels for level in own) - present
     dates = {f.name.rpartition(".")[0]: settings[f.name] for f in factors if f.name.rpartition(".")[2] == "dates"}
 
-    def idle(name: str) -> bool:
-        member, _, own = name.rpartition(".")
+    def idle(factor: Factor) -> bool:
+        member, _, own = factor.name.rpartition(".")
         counts = {dates.get(member, dates.get(""))} if member else set(dates.values())
-        return member in absent or (own == "interval_days" and counts == {1.0})
+        once = own == "interval_days" and counts == {1.0}
+        return member in absent or present <= set(factor.not_of) or once
 
-    return tuple(f.name for f in factors if idle(f.name))
+    return tuple(f.name for f in factors if idle(f))
 
 
 def _check_member(name: str, own: Mapping[str, Any], known: set[str], engine: str, report: Reporter) -> None:
@@ -221,6 +223,10 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
                 message = f"a factor has either low and high, or values, or levels; here: {said}"
                 report.add(path, message, "Give low and high, or values, or levels.")
                 return None
+        if "." not in name and name != "frequency":
+            own = instruments.members.items()
+            without = (one for one, has in own if name in has or name not in instruments.table(one))
+            factor = replace(factor, not_of=tuple(without))
     except RegionError as error:
         for problem in error.problems:
             last = (problem.field or "").rpartition(".")[2]

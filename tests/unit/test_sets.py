@@ -248,7 +248,7 @@ def test_a_setting_of_a_sensor_that_is_not_in_the_recommended_set_is_not_recomme
     assert "widening" not in str(told)
     (rows,) = [block.rows for block in told.blocks if isinstance(block, Table)]
     assert [[cell.text for cell in row] for row in rows][1] == ["C.angle", "–", "–", "–"]
-    note = "Of no effect, as its sensor is not in the set or there is but one date: C.angle."
+    note = "Of no effect, as no sensor of the set takes it or there is but one date: C.angle."
     assert note in words
     assert analysis.notes == (note,)
     assert rounded_settings(analysis, analysis.optimum.settings) == "frequency L"
@@ -276,6 +276,27 @@ def test_an_interval_between_dates_has_no_effect_on_one_date(settings, idle) -> 
     for name in (one for one in settings if one.endswith("interval_days")):
         when = [{m.dates.on for m in members_of("psm", {**settings, name: d}, fixed, {})} for d in (9.0, 12.0)]
         assert (when[0] == when[1]) == (name in idle)
+
+
+def test_a_setting_that_no_sensor_of_the_set_takes_has_no_effect(tmp_path) -> None:
+    """A radiometer has no depression angle, and polarizations of its own; beside a radar both hold for the radar."""
+    (tmp_path / "s.npz").write_bytes(b"")
+    own = {"engine": "prm", "frequency": 1.4, "polarization": "H", "integration_time": 5.0, "scan_period": 1.0}
+    given = {**own, "noise_temperature": 500.0}
+    more = "[simulator.members.passive]\n" + "".join(f"{key} = {value!r}\n" for key, value in given.items())
+    text = TOML.format(factor="depression_angle", more=more).replace('"L+C"', '"L+C", "C+passive", "passive"')
+    polarization = '[[factor]]\nname = "polarization"\nlevels = ["HH", "VV"]\n[[factor]]\nname = "C.resolution"'
+    text = text.replace("[simulator]", f"{polarization}\nlow = 20\nhigh = 40\n[simulator]", 1)
+    text = text.replace('polarization = "HH"\n[', "[")
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    spec = load_spec(tmp_path)
+    for sensors, idle in (("passive", 3), ("C+passive", 0), ("L", 1)):
+        settings = {"frequency": sensors, "depression_angle": 50.0, "polarization": "HH", "C.resolution": 30.0}
+        found = without_effect(spec.factors, settings)
+        assert len(found) == idle
+        for name, other in (("depression_angle", 40.0), ("polarization", "VV"), ("C.resolution", 20.0)):
+            made = [members_of("psm", {**settings, **new}, {}, spec.simulator.members) for new in ({}, {name: other})]
+            assert (made[0] == made[1]) == (name in found)
 
 
 def test_an_interval_for_all_goes_with_dates_for_all(tmp_path) -> None:

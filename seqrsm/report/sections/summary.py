@@ -288,9 +288,11 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
 
 def _can_widen(spec: CampaignSpec, settings: Mapping[str, float | str], name: str) -> bool:
     """Whether there is anything beyond a factor's end: no number of dates is below 1, and no heading a higher one."""
+    if name in without_effect(spec.factors, settings):
+        return False
     parameter = SENSORS[spec.simulator.engine].get(name) if spec.simulator else None
     if parameter is None:
-        return name not in without_effect(spec.factors, settings)
+        return True
     ends = parameter.values or (parameter.low, parameter.high)
     return settings[name] not in (min(ends), max(ends))
 
