@@ -16,6 +16,7 @@ from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.scattering.readers import COVER
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
+from seqrsm.score.brightness import BLOCK_M
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.moisture import refuse_alike, refuse_combination
 from seqrsm.score.pixels import large_fields, tile_m
@@ -23,6 +24,10 @@ from seqrsm.score.utilities import utility_of
 from seqrsm.spec.read import CampaignSpec, fixed_problem, placed
 
 _NUMBERS = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
+_OTHER_GROUND: Final = (
+    f"moisture is that of squares of {BLOCK_M:g} m with a radiometer, of bare fields with radars: errors of the two do "
+    "not compare; soil_moisture_skill holds each against its own guess"
+)
 _MOST_DIVIDED: Final = 0.5  # of the scored ground in fields that training and test divide
 
 
@@ -121,6 +126,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     of_one_kind = any(utility_of(one.utility).of_one_kind for one in spec.applications)
     found: dict[str, list[tuple[Problem, str]]] = {}  # by what is wrong, whatever its numbers
     met: dict[str, list[str]] = {}
+    engines = set()
     for settings in spec.region.decode(points):
         shown = settings_text(spec.factors, settings)
         try:
@@ -130,6 +136,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 refuse_combination([one.sensor for one in made if one.visit.day == day])
             if of_one_kind:
                 refuse_alike([one.sensor for one in made], scene)
+                engines |= {one.engine for one in made}
             # One of each kind, of which several sensors of a set may have their own.
             for kind, note in {note.partition(":")[0]: note for _, note in _sensor_notes(task, scene)}.items():
                 met.setdefault(kind, []).append(f"{note} (at {shown})")
@@ -140,7 +147,9 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 found.setdefault(told, []).append((problem, shown))
     if found:
         raise SpecError(*[_sensor_problem(spec, met, len(points)) for met in found.values()][:10])
-    return tuple(
+    by_error = any(one.utility == "soil_moisture_error" for one in spec.applications)
+    other = (_OTHER_GROUND,) if by_error and len(engines) > 1 else ()
+    return other + tuple(
         f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
         for kind, notes in met.items()
     )

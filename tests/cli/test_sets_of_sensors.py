@@ -252,6 +252,17 @@ def test_a_phase_is_simulated_and_has_no_calendar_of_its_own(folder) -> None:
         assert composite.mode == "RGB"
 
 
+@pytest.mark.parametrize(("level", "n"), [("passive", 1), ("X", 0)])
+def test_check_tells_that_radars_and_radiometers_are_scored_over_other_ground(tmp_path, tiny_scene, level, n) -> None:
+    """Errors over bare fields and over squares of 250 m have other guesses to be held against."""
+    toml = beside_a_radiometer().replace('"percent_correct"', '"soil_moisture_error"').replace('"L+passive", ', "")
+    toml = toml.replace("\n[simulator.members.", "\nsoil_moisture_field_sd = 0.04\n[simulator.members.", 1)
+    if level != "passive":
+        toml = re.sub(r"(?s)\[simulator.members.passive\].*?\n\n", "", toml).replace('"passive"', f'"{level}"')
+    notes = combinations_of(load_spec(make_tiny(tmp_path / "two", tiny_scene, toml)))
+    assert len([note for note in notes if "squares of 250 m" in note]) == n
+
+
 def test_ground_that_a_level_sees_as_moist_as_any_other_is_refused_before_runs(tmp_path, tiny_scene) -> None:
     """The centre of the region was scored, and `run` made run after run at another level, none of which was."""
     toml = text().replace('"percent_correct"', '"soil_moisture_error"')
