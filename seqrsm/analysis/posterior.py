@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
 from seqrsm.fit.elicitation import elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import batch_seed, generator
@@ -23,8 +25,14 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum
 
 
-def stated_prior(spec: CampaignSpec, application: ApplicationSpec) -> NormalInverseGamma | None:
-    """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none."""
+def stated_prior(
+    spec: CampaignSpec, application: ApplicationSpec, fit: LeastSquaresFit | None = None
+) -> NormalInverseGamma | None:
+    """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none.
+
+    Where it does not say by what repeated runs scatter, the scores' ``fit`` does, if it can: sigma's guess scales the
+    whole prior, and one that is too large made it looser, or too tight, than what was said.
+    """
     known = application.prior
     if known is None or known.utility is None:
         return None
@@ -34,6 +42,8 @@ def stated_prior(spec: CampaignSpec, application: ApplicationSpec) -> NormalInve
         middle = min(max(0.5 * (low + high), 1.0), 99.0)
         repeat_sd *= 100.0 / (middle * (100.0 - middle))
         low, high = (float(end) for end in logit_scores(np.array([low, high])))
+    if known.repeat_sd is None and fit is not None and (df := fit.df_residual) >= _TELLING_DF and fit.s > 0.0:
+        repeat_sd = fit.s * math.sqrt(df / (df - 2))  # the mean of sigma^2 by the scores alone
     optimum = {}
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
@@ -79,6 +89,7 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
     return [f"{what} are not used in the posterior: {reason}."]
 
 
+_TELLING_DF = 5
 _STEP = 1e-6  # coded, that an optimum at a bound cannot take
 _MOST_OPTIMA = 8000  # draws whose optimum is sought
 
@@ -88,7 +99,7 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
 
     They hold the bounds that are stated of effects, but for those that the scores contradict and no sampler can hold.
     """
-    stated = stated_prior(spec, fitted.application)
+    stated = stated_prior(spec, fitted.application, fitted.fit)
     bounds = stated_bounds(fitted.application, fitted.model)
 
     def draws(held: LinearBounds | None) -> Draws:

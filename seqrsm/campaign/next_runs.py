@@ -242,7 +242,7 @@ class _Chooser:
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""
         application = self.spec.application(self.analysis.application)
-        prior = stated_prior(self.spec, application)
+        prior = stated_prior(self.spec, application, self.analysis.fit)
         if two:
             sd, _, sigma = self.difference()
             return source_prior(self.model, 0, sd, sigma, prior).Lambda0

@@ -11,7 +11,7 @@ import keyword
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import ClassVar, Literal, TypeAlias
 
@@ -108,7 +108,7 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _OfSensors:
-    not_of: tuple[str, ...] = ()
+    not_of: tuple[str, ...] = field(default=(), repr=False)  # repr makes part of a campaign's hash
     """Members of a set of sensors that do not take it, or have their own."""
 
 

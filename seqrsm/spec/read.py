@@ -22,14 +22,15 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     measured scores and of your own functions.
 ``[application.prior]``, below its ``[[application]]``
     Prior knowledge: ``utility = [low, high]``: the mean score at a random setting lies in this interval with
-    ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (a tenth of that range), with the weight
-    of ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and their expected best value, as a number or
-    ``{ value, doubt }``, the doubt being a standard deviation as a fraction of half the (coded) range (0.5);
-    ``effect``: a table of numeric factors and ``[least, most]``: bounds on the change of the mean score from the low to
-    the high end of the factor's range, with the other factors at their centre (``-inf``, ``inf``: no bound; with
-    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` is required. The prior enters the
-    credible intervals of the optimal settings, the expected loss and the choice of runs; the recommended
-    settings, the intervals of the score and the stop rule rest on the scores alone.
+    ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (by the scores, from five degrees of
+    freedom on; before, a tenth of that range), with the weight of ``repeat_runs`` (3) runs; ``optimum``: a table of
+    numeric factors and their expected best value, as a number or ``{ value, doubt }``, the doubt being a standard
+    deviation as a fraction of half the (coded) range (0.5); ``effect``: a table of numeric factors and ``[least,
+    most]``: bounds on the change of the mean score from the low to the high end of the factor's range, with the
+    other factors at their centre (``-inf``, ``inf``: no bound; with response = "logit" a bound is 0 or none). At
+    least ``utility`` or ``effect`` is required. The prior enters the credible intervals of the optimal settings,
+    the expected loss and the choice of runs; the recommended settings, the intervals of the score and the stop rule
+    rest on the scores alone.
 ``[[consideration]]``
     Another objective of the compromise, such as cost, build time or risk: ``name``; ``expr``: its value as a function
     of the factors in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize");

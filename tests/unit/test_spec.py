@@ -166,6 +166,11 @@ def test_mark_and_line_ends_of_other_editors(load):
     assert load(GOOD.replace("\n", "\r\n")).spec_hash == spec.spec_hash
 
 
+def test_the_hash_is_that_of_earlier_versions():
+    """Else campaigns that go on with a new version are told that their file has changed."""
+    assert load_spec(CAMPAIGNS / "flevoland").spec_hash[:12] == "eb794c187dfb"
+
+
 def test_a_default_that_is_written_leaves_the_hash_alone(load):
     before = load(GOOD).spec_hash
     assert load(GOOD.replace("[stop]\n", '[stop]\nworlds = "count"\n')).spec_hash == before
