@@ -337,9 +337,9 @@ def _confirmation(
     where = "the recommended settings"
     if not np.allclose(at[0], best, atol=_SAME):
         where = f"{settings_text(spec.factors, fresh[0].settings)}, recommended before,"
+    ends = f"{100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}"
     text = (
-        f"{len(scores)} confirmation runs at {where} averaged {measured} "
-        f"({100 * spec.stop.level:g} % interval {known(of_mean.low, half)} to {known(of_mean.high, half)}), "
+        f"{len(scores)} confirmation runs at {where} averaged {measured} ({ends if half else 'all equal'}), "
         f"{{verdict}} the model's prediction interval for their mean, {known(expected.low, expected.half_width)} to "
         f"{known(expected.high, expected.half_width)} (p = {{p}})."
     )

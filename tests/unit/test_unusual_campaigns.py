@@ -75,6 +75,12 @@ def test_confirmation_runs_are_told_in_score_units_whatever_the_scale_of_the_fit
     assert "contradicting the model's prediction interval for their mean" in told
 
 
+def test_confirmation_runs_that_are_all_equal_have_no_interval_of_their_own(tmp_path):
+    """One of 100 to 100 was told of scores at the end of their scale."""
+    analysis = confirmed(tmp_path, 90.0 + NOISE, (100.0, 100.0, 100.0))
+    assert "averaged 100 percent (all equal), " in analysis.confirmation.text
+
+
 def test_confirmation_runs_in_the_fit_do_not_spend_the_budget(tmp_path):
     """`run` went on, as they are beyond the budget, while `status` and the report said that it was spent."""
     scores = bowl(POINTS) + NOISE
