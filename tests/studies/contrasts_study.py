@@ -33,6 +33,7 @@ MAP_CORRECT = 0.9  # share of ground that the optical map names correctly (assum
 
 FULL = "HH+HV+VV+phase"
 SEASON, LATE = "135+160+185+210+235", "190+201+212+223+234+245"
+WEEKLY = "+".join(map(str, range(110, 201, 10)))
 CHANNELS = ("HH", "HV", "VV")
 DIGITS = {"soil_moisture_error": 3, "kappa": 2}
 """Decimals of scores that are not in percent, which have one."""
@@ -94,9 +95,16 @@ class Ground:
     by: str = " by field"
     late_days: int = 0
     note: str = ""
+    engine: str = "psm"
 
 
 RADAR = {"bandwidth": 50.0, "peak_power": 100.0, "altitude_m": 6000.0, "depression_angle": 50.0, "resolution": 20.0}
+RADIOMETER = {
+    "polarization": "H+V", "bandwidth": 25.0, "noise_temperature": 300.0, "scan_period": 1.0, "altitude_m": 1500.0,
+    "speed_m_s": 60.0, "integration_time": 5.0, "resolution": 100.0, "latitude_deg": 45.0, "hour": 6.0,
+    "conical_incidence_deg": 45.0, "soil_moisture_field_sd": 0.04, "soil_moisture_region_sd": 0.06,
+}  # fmt: skip
+ENGINES = {"psm": RADAR, "prm": RADIOMETER}
 VALLEY = "langegracht-dates"
 LATER = 30  # of summers in Canada (assumed)
 SOWN = f", sown in May: the calendar comes {LATER} days later"
@@ -134,6 +142,26 @@ GROUNDS = {
     "bare": Ground(
         VALLEY, ("Bareground",), {"Wheat": "Bareground", "Corn": "Bareground"}, measure="soil_moisture_error",
         by="", fixed={"soil_moisture_field_sd": 0.1}, note="bare fields, 0.1 m3/m3 s.d. between them",
+    ),
+    "demmin": Ground(
+        VALLEY, ("Wheat", "Rapeseed", "Oats", "Corn", "Vegetables", "Grass"), {"Forage": "Rapeseed"},
+        note="wheat, rapeseed, barley, maize, sugar beet, grass",
+    ),
+    "manitoba": Ground(
+        VALLEY, ("Wheat", "Oats", "Rapeseed", "Vegetables", "Forage"), {"Grass": "Rapeseed"}, late_days=LATER,
+        note=f"wheat, oats, canola, soybean, forage{SOWN}",
+    ),
+    "hokkaido": Ground(
+        VALLEY, ("Wheat", "Corn", "Vegetables"), late_days=20, note="winter wheat, maize, beans, beet and potato"
+    ),
+    "wheat": Ground(
+        VALLEY, ("Wheat",), dict.fromkeys(("Corn", "Oats", "Vegetables", "Forage", "Grass"), "Wheat"),
+        measure="soil_moisture_error", by="", engine="prm", note="wheat, 0.04 m3/m3 s.d. between fields",
+    ),
+    "semiarid": Ground(
+        "wake-radiometer", ("Scrub", "Bareground", "Grass"),
+        {"Trees": "Scrub", "Settlement": "Bareground", "Hay": "Grass"}, measure="soil_moisture_error", by="",
+        fixed={"altitude_m": 3000.0, "resolution": 200.0}, engine="prm", note="grass, scrub, bare soil",
     ),
 }  # fmt: skip
 
@@ -197,6 +225,23 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "C, VV, 3 dates, by pixel": (on("C", "VV", "165+190+217", by="pixel"),),
     "L, RH+RV+phase": (on("L", "RH+RV+phase"),),
     "L, two channels": tuple(on("L", both) for both in ("HH+HV", "VV+VH", "HH+VV+phase")),
+    "L, HH+HV": (on("L", "HH+HV"),),
+    "C, HV, 10 dates": (on("C", "HV", WEEKLY),),
+    "C, VV, 10 dates": (on("C", "VV", WEEKLY),),
+    "L, HV, 10 dates": (on("L", "HV", WEEKLY),),
+    "L, HH, 10 dates": (on("L", "HH", WEEKLY),),
+    "C, full, 30 May": (on("C", FULL, "150"),),
+    "C, full, 24 July": (on("C", FULL, "205"),),
+    "C, VV+VH, 2 dates": (on("C", "VV+VH", "165+225"),),
+    "C, VV+VH and X, HH, 2 dates": (on("C+X", "VV+VH", "165+225", members={"X": {"polarization": "HH"}}),),
+    "L+C, VV+VH, 3 dates": (on("L+C", "VV+VH", "150+180+210"),),
+    "C+X, VV+VH, 3 dates": (on("C+X", "VV+VH", "150+180+210"),),
+    "L+C+X, VV+VH, 3 dates": (on("L+C+X", "VV+VH", "150+180+210"),),
+    "C, VV+VH, 3 dates, 4 looks, by neighbourhood": (on("C", "VV+VH", "150+180+210", by="neighbourhood", looks=4.0),),
+    "C, VV+VH, 3 dates, 4 looks, by pixel": (on("C", "VV+VH", "150+180+210", by="pixel", looks=4.0),),
+    "radiometer of 1.4 GHz": ({"frequency": 1.4},),
+    "radiometer of 5.4 GHz": ({"frequency": 5.4},),
+    "radiometer of 10.7 GHz": ({"frequency": 10.7},),
     "L+S, HH": (on("L+S", "HH"),),
     "L+S, HH+HV+VV": (on("L+S", "HH+HV+VV"),),
 }
@@ -241,9 +286,9 @@ def _score(name: str, setting: str, settings: dict[str, Any], world: int) -> tup
     ground, scene = GROUNDS[name], scene_of(name)
     own = dict(settings)
     members, by = own.pop("members", {}), f" by {own.pop('by')}" if "by" in own else ground.by
-    fixed = {key: value for key, value in {**RADAR, **ground.fixed}.items() if key not in own}
+    fixed = {key: value for key, value in {**ENGINES[ground.engine], **ground.fixed}.items() if key not in own}
     more: dict[str, Any] = {"members": members, "world": world, "late_days": ground.late_days}
-    task = SimulationTask("psm", world, SEED, own, fixed, "", "", (), **more)
+    task = SimulationTask(ground.engine, world, SEED, own, fixed, "", "", (), **more)
     images = simulate_images(task, scene)
     known = optical_map(name, world) if setting.startswith("map") else None
     score = score_by(ground.measure + by, images, scene, seed=SEED, run_id=world, known=known)
@@ -333,6 +378,9 @@ def page(found: list[dict[tuple[str, str], float]]) -> str:
             *brightness(),
             "",
             "## Grounds",
+            "",
+            "Wheat and rapeseed have the course of crops sown in autumn, shifted or not: they are tall in June, where",
+            "those sown in May are short.",
             "",
             "| ground | covers scored | stand for |",
             "|---|---|---|",
