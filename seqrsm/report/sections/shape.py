@@ -26,7 +26,8 @@ from seqrsm.report.wording import (
     with_unit,
 )
 
-_FAR = 5.0  # coded: a stationary point beyond it, or with such an error, has no settings worth a number
+_FAR = 5.0  # coded: a stationary point beyond it has no settings worth a number
+_WHOLE_RANGE = 2.0  # coded
 _SAMPLER_WORDS = {
     "draws": "draws kept",
     "steps": "steps per walker",
@@ -195,7 +196,7 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
         low, high = ends[factor.name]
         if not se[index] > 0.0:  # nan where nothing is known of errors
             text = format_significant(value, 3)
-        elif se[index] > _FAR:  # on a logarithmic scale its ends would have a hundred digits
+        elif se[index] > _WHOLE_RANGE:
             settings.append(f"{readable(factor.name)} not determined")
             continue
         elif factor.scale == "linear":
