@@ -387,9 +387,10 @@ def shares_text(shares: Mapping[str, float]) -> str:
 
 
 def at_bound_text(analysis: Analysis, factor: Factor) -> str:
-    """Return the probability that the optimal setting lies at a bound; "" for a factor without bounds."""
+    """Return the probability that the optimal setting lies at a bound; "" without bounds, or any value between them."""
     share = setting_posterior(analysis, factor).p_at_bound
-    return "" if math.isnan(share) else format_share(share)
+    two = isinstance(factor, DiscreteFactor) and len(factor.values) == 2
+    return "" if two or math.isnan(share) else format_share(share)
 
 
 def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:

@@ -31,6 +31,7 @@ from seqrsm.report.rounding import format_range
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import model_section
 from seqrsm.report.sections.summary import _settings_table, summary_section
+from seqrsm.report.wording import at_bound_text
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -429,3 +430,13 @@ def test_no_region_is_widened_for_a_factor_without_a_significant_effect(tmp_path
     assert [row.p <= 0.05 for row in analysis.importance] == [True, False, False]
     assert "Consider widening the region: the optimum lies on its edge, x0 (high)." in steps
     assert "then" not in figures["Most important factor"][1]
+
+
+@pytest.mark.parametrize(("values", "told"), [("[-1.0, 1.0]", False), ("[-1.0, 0.0, 1.0]", True)])
+def test_a_factor_with_nothing_between_its_bounds_is_not_said_to_be_at_one(tmp_path, values, told):
+    two = f'[[factor]]\nname = "x1"\nvalues = {values}\n'
+    levels = np.array([-1.0, 1.0, 0.0])[: 2 + told]
+    at = np.column_stack([POINTS[:, 0], np.resize(levels, len(POINTS))])
+    text = specification(numeric(1) + two)
+    (found,) = campaign(tmp_path / "c", text, at, 50.0 - at[:, 0] ** 2 + 0.1 * NOISE).analyse_all(n_draws=400)
+    assert [at_bound_text(found, factor) != "" for factor in found.region.factors] == [True, told]
