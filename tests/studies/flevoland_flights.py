@@ -36,7 +36,8 @@ from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 OUT = Path(__file__).parents[2] / "reports" / "validation" / "flevoland_flights.md"
 RUNS, LOOKS, LEVEL = 48, (0, 8, 20), 0.95
-MEAN_SD_DB = {"HH": 2.1, "HV": 3.1, "VV": 2.1}  # of a measured L-band mean, seqrsm/scattering/data/mean_sd.csv
+MEAN_SD_DB = {"HH": 2.1, "HV": 3.1, "VV": 2.1}
+"""Of a measured L-band mean, and of its date, which these classes do not draw: seqrsm/scattering/data/mean_sd.csv."""
 GROUNDS = 2  # whose mean such a row is
 NO_CROPS = ("Forest", "Bare soil", "Water", "Buildings")
 KNOWN_M = 97.0  # coarser cells hold much of the ground between the labelled fields, which is drawn
@@ -206,9 +207,9 @@ HEAD = """# Simulation and flights together: Flevoland
 
 Written by `python tests/studies/flevoland_flights.py --campaigns {campaigns}`. Each campaign simulates {runs} runs over
 the labelled fields, every run in a world of its own, from class means as two other grounds let expect them, one draw,
-known to 1.7 dB (HV 2.6 dB): the flight's own means are left out. Real AIRSAR scores are then taken in as flights; those
-of the 196 configurations that are left test the 95 % prediction interval of a flight. *Covered*: share of them
-inside, mean over campaigns and its standard error; *up to 97 m*: of those alone, since coarser cells hold much of the
+known to 2.1 dB (HV 3.1 dB) on a date: the flight's own means are left out. Real AIRSAR scores are then taken in as
+flights; those of the 196 configurations that are left test the 95 % prediction interval of a flight. *Covered*: share
+of them inside, mean over campaigns and its standard error; *up to 97 m*: of those alone, since coarser cells hold much of the
 ground between the labelled fields, which is drawn. *Half-width*, *predicted* and *real there* are of the recommended
 settings and the configuration nearest to them; *lost*: the best real score less that one. One recording gives all real
 scores: they share its speckle and its fields.
