@@ -209,10 +209,10 @@ Written by `python tests/studies/flevoland_flights.py --campaigns {campaigns}`. 
 the labelled fields, every run in a world of its own, from class means as two other grounds let expect them, one draw,
 known to 2.1 dB (HV 3.1 dB) on a date: the flight's own means are left out. Real AIRSAR scores are then taken in as
 flights; those of the 196 configurations that are left test the 95 % prediction interval of a flight. *Covered*: share
-of them inside, mean over campaigns and its standard error; *up to 97 m*: of those alone, since coarser cells hold much of the
-ground between the labelled fields, which is drawn. *Half-width*, *predicted* and *real there* are of the recommended
-settings and the configuration nearest to them; *lost*: the best real score less that one. One recording gives all real
-scores: they share its speckle and its fields.
+of them inside, mean over campaigns and its standard error; *up to 97 m*: of those alone, since coarser cells hold much
+of the ground between the labelled fields, which is drawn. *Half-width*, *predicted* and *real there* are of the
+recommended settings and the configuration nearest to them; *lost*: the best real score less that one. One recording
+gives all real scores: they share its speckle and its fields.
 """
 
 
