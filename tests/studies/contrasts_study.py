@@ -63,6 +63,8 @@ WORDS = [
     "- Fields over pixels on one date. In one channel at 23 deg fields of six crops score 23 % here; the source",
     "  has a little less than 60 %. Over three dates the gain is inside.",
     "",
+    "Of wrong sign on average, though inside: late July over May, where wheat and rapeseed are autumn crops (below).",
+    "",
     "How much of the ground the optical map names correctly, 90 %, is assumed.",
     "",
     "## What a second incidence angle gains",
