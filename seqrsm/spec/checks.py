@@ -148,11 +148,13 @@ def expressions(
     tables: Tables[ConsiderationSpec], factors: Sequence[Factor], region: Region | None, report: Reporter
 ) -> None:
     """Expressions of considerations: arithmetic in the factors, with a value at points that cover the region."""
-    settings = region.natural(region.candidates(limit=_COVER)) if tables and region is not None else {}
+    settings = region.natural(region.candidates(limit=_COVER)) if tables and region is not None else None
     for index, table in tables:
         try:
             written = arithmetic(table.expr)
-            problems = declaration_problems(factors, [written]) or _undefined(written, settings)
+            problems = list(declaration_problems(factors, [written]))
+            if settings is not None and not problems:
+                problems = _undefined(written, settings)
         except RegionError as error:
             problems = [replace(problem, value=table.expr) for problem in error.problems]
         for problem in problems:

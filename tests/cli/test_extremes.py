@@ -96,7 +96,7 @@ def test_one_wild_score(tmp_path) -> None:
     found = fitted(folder)
     told = " ".join(call("fit", folder).stdout.split())
     assert "a run far from the surface counts for less here" in told
-    assert f"count for less than a quarter of one on the surface: run {flown[3]['run_id']}." in told
+    assert f"counted for less than a quarter of a score on it: run {flown[3]['run_id']}." in told
     assert "No run is an outlier" not in told
     assert found["optimum"]["settings"]["x0"] == pytest.approx(0.2, abs=0.3)
     assert found["optimum"]["prediction"]["half_width"] < 6.0

@@ -487,6 +487,9 @@ def test_a_consideration_may_depend_on_a_level(load, expr, says):
     np.testing.assert_array_equal(arithmetic(spec.considerations[0].expr).right(settings, 2), [30.0, 40.0])
 
 
+PRICE = '[[consideration]]\nname = "price"\nexpr = "1 / (resolution - 10)"\n'
+
+
 @pytest.mark.parametrize(
     ("expr", "says"),
     [
@@ -504,9 +507,14 @@ def test_a_consideration_has_a_value_everywhere(load, expr, says):
     assert problem.value == expr
 
 
+def test_a_consideration_waits_for_a_region(load):
+    """Of factors that leave none it ended in a traceback."""
+    (problem,) = problems(load, GOOD + '[[constraint]]\nexpr = "resolution > 1e9"\n' + PRICE)
+    assert problem.field != "expr"
+
+
 def test_a_constraint_may_exclude_where_a_consideration_has_no_value(load):
-    text = GOOD + '[[consideration]]\nname = "price"\nexpr = "1 / (resolution - 10)"\n'
-    load(text + '[[constraint]]\nexpr = "resolution >= 11"\n')
+    load(GOOD + PRICE + '[[constraint]]\nexpr = "resolution >= 11"\n')
 
 
 @pytest.mark.parametrize("score", [150.0, -0.1])
