@@ -31,7 +31,7 @@ def stated_prior(
     """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none.
 
     Where it does not say by what repeated runs scatter, the scores' ``fit`` does, if it can: sigma's guess scales the
-    whole prior, and one that is too large made it looser, or too tight, than what was said.
+    whole prior, and with one that is too large the prior is tighter than what was said, and sigma too large.
     """
     known = application.prior
     if known is None or known.utility is None:
@@ -89,7 +89,7 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
     return [f"{what} are not used in the posterior: {reason}."]
 
 
-_TELLING_DF = 5
+_TELLING_DF = 5  # with fewer the scores know their scatter no better than the guess
 _STEP = 1e-6  # coded, that an optimum at a bound cannot take
 _MOST_OPTIMA = 8000  # draws whose optimum is sought
 

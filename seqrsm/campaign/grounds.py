@@ -177,9 +177,8 @@ class Grounds:
         if len(found) > 1 and len({analysis.optimum.helped(one["left"]) for one in found}) == 1:
             names = tuple(one["covers"][0] for one in found)
             joint = left(names, moved([names])[0])
-            joint["left"] = min(
-                joint["left"], found[0]["left"]
-            )  # all leave no more than the first, whatever few worlds say
+            # All leave no more than the first, whatever a few worlds say.
+            joint["left"] = min(joint["left"], found[0]["left"])
             found.append(joint)
         return found, unit
 

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from seqrsm.design.constraints import Constraint, arithmetic
-from seqrsm.design.factors import CategoricalFactor, Factor, span
+from seqrsm.design.factors import CategoricalFactor, Factor, settings_text, span
 from seqrsm.design.region import Region, declaration_problems
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
@@ -154,22 +154,22 @@ def expressions(
             written = arithmetic(table.expr)
             problems = list(declaration_problems(factors, [written]))
             if settings is not None and not problems:
-                problems = _undefined(written, settings)
+                problems = _undefined(written, factors, settings)
         except RegionError as error:
             problems = [replace(problem, value=table.expr) for problem in error.problems]
         for problem in problems:
             report.add(("consideration", index, "expr"), problem.message, problem.remedy, problem.value or table.expr)
 
 
-def _undefined(written: Constraint, settings: Mapping[str, np.ndarray]) -> list[Problem]:
+def _undefined(written: Constraint, factors: Sequence[Factor], settings: Mapping[str, np.ndarray]) -> list[Problem]:
     """The first of the settings, (n,) by name, at which the expression has no value."""
-    own = {name: values for name, values in settings.items() if name in written.names}
-    nowhere = np.flatnonzero(~np.isfinite(written.right(own, max(map(len, own.values()), default=0))))
+    n = len(settings[factors[0].name])
+    nowhere = np.flatnonzero(~np.isfinite(written.right(settings, n)))
     if not nowhere.size:
         return []
-    there = {name: values[nowhere[0]] for name, values in own.items()}
-    at = ", ".join(f"{name} {value if isinstance(value, str) else f'{value:.6g}'}" for name, value in there.items())
-    return [Problem(f"there is no finite value at {at}", "Change it, or exclude such settings by a constraint.")]
+    used = [factor for factor in factors if factor.name in written.names]
+    there = settings_text(used, {name: values[nowhere[0]] for name, values in settings.items()})
+    return [Problem(f"there is no finite value at {there}", "Change it, or exclude such settings by a constraint.")]
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
