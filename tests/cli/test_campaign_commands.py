@@ -177,6 +177,11 @@ def test_what_knowing_the_covers_that_move_the_score_would_leave(copy, monkeypat
     assert [len(some) for some in asked] == [4 * 5, 12 * 3, 16]
     assert () not in {own for some in asked for *_, own in some}  # what an event keeps is not simulated again
     assert {own for _, _, own in all_three} == {every}
+    moves["Trees"] = -3.0 * grass  # in these worlds all together hardly move the score
+    at.rank([analysis])
+    known = campaign.store.events(kind=RANKED)[-1].detail["known"]
+    assert known[-1]["covers"] == [*moves]
+    assert known[-1]["left"] == known[0]["left"] == pytest.approx(told["Grass",], abs=1e-4)
 
 
 def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:

@@ -15,11 +15,13 @@ from scored_campaigns import campaign, numeric, specification
 
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign import check
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.experiment import EXPERIMENT, see_utilities
+from seqrsm.campaign.next_runs import _Chooser
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.campaign.status import campaign_status
 from seqrsm.cli.show_fit import show_status
@@ -440,3 +442,22 @@ def test_a_factor_with_nothing_between_its_bounds_is_not_said_to_be_at_one(tmp_p
     text = specification(numeric(1) + two)
     (found,) = campaign(tmp_path / "c", text, at, 50.0 - at[:, 0] ** 2 + 0.1 * NOISE).analyse_all(n_draws=400)
     assert [at_bound_text(found, factor) != "" for factor in found.region.factors] == [True, told]
+
+
+@pytest.mark.parametrize("n", [9, 10, 11, 24])
+def test_scores_tell_their_scatter_to_a_prior_that_says_nothing_of_it(tmp_path, n):
+    """From five degrees of freedom on, as the mean of sigma^2 by the scores alone; for draws and for the next runs."""
+    fits = 50.0 - np.sum(np.square(POINTS), axis=1)[:n] + 0.1 * NOISE[:n]
+    said = "[application.prior]\nutility = [10.0, 90.0]\n"
+    silent = campaign(tmp_path / "silent", specification(numeric(2), rest=said), POINTS[:n], fits)
+    (found,) = silent.analyse_all(n_draws=400)
+    df = n - 6
+    sd = found.fit.s * np.sqrt(df / (df - 2.0)) if df >= 5 else 0.1 * 80.0
+    text = specification(numeric(2), rest=f"{said}repeat_sd = {float(sd)!r}\n")
+    stated = campaign(tmp_path / "stated", text, POINTS[:n], fits)
+    (other,) = stated.analyse_all(n_draws=400)
+    drawn = [draw_coefficients(made.spec, one.fitted, sampler="exact", n_draws=50) for made, one in
+             ((silent, found), (stated, other))]  # fmt: skip
+    np.testing.assert_allclose(drawn[0].terms, drawn[1].terms)
+    own = [_Chooser(made.spec, one).precision(False) for made, one in ((silent, found), (stated, other))]
+    np.testing.assert_allclose(*own)
