@@ -10,7 +10,7 @@ import csv
 import hashlib
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -80,23 +80,35 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
     """Rows of a spreadsheet or a Parquet file, its header first."""
     library, extra = _NEEDS[kind]
     try:
-        __import__(library)
-        import pandas as pd
-
         if kind == ".parquet":
+            import pandas as pd
+
+            __import__(library)
             return list(_rows_of(pd.read_parquet(path)))
-        sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, keep_default_na=False)
+        from openpyxl import load_workbook
+
+        # Cells as last computed: pandas would make a missing value of an error such as #DIV/0!.
+        book = load_workbook(path, data_only=True)
     except ImportError:
         remedy = f"Install it: pip install 'seqrsm[{extra}]', or save the table as CSV in UTF-8."
         raise ScoresFileError(f"a {kind} file needs {library}", remedy, file=str(path)) from None
     except Exception as error:  # the libraries raise whatever they like over a broken file
         remedy = "Save it anew, or as CSV in UTF-8."
         raise ScoresFileError(f"the file cannot be read: {error}", remedy, file=str(path)) from None
-    full = {name: sheet for name, sheet in sheets.items() if not sheet.empty}
+    sheets = {sheet.title: _filled(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+    full = {name: rows for name, rows in sheets.items() if rows}
     if len(full) > 1:
-        message = f"the workbook has {len(full)} sheets with content: {', '.join(map(str, full))}"
+        message = f"the workbook has {len(full)} sheets with content: {', '.join(full)}"
         raise ScoresFileError(message, "Leave the one with the scores.", file=str(path))
-    return [row for sheet in full.values() for row in sheet.to_numpy(dtype=object)]
+    return next(iter(full.values()), [])
+
+
+def _filled(sheet: Iterable[Sequence[Any]]) -> list[Sequence[Any]]:
+    """Rows of a sheet as far down and across as any cell is filled."""
+    rows = list(sheet)
+    ends = [max((k + 1 for k, cell in enumerate(row) if cell is not None), default=0) for row in rows]
+    last = max((k + 1 for k, end in enumerate(ends) if end), default=0)
+    return [row[: max(ends)] for row in rows[:last]]
 
 
 def _csv_of(rows: Iterable[Iterable[Any]]) -> bytes:
