@@ -43,7 +43,7 @@ from seqrsm.scattering.variability import (
     alike_at_nadir,
     shipped_variability,
 )
-from seqrsm.scattering.worlds import BARE_SOIL, World, co_apart, default_mean_sd, over_soil, related_covers
+from seqrsm.scattering.worlds import BARE_SOIL, OWN, World, co_apart, default_mean_sd, over_soil, related_covers
 from seqrsm.units import db_to_linear, linear_to_db
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -346,8 +346,9 @@ def _of_all_channels(
 def _mean_sd_db(curve: Curve, channel: str, frequency_ghz: float) -> float:
     """Standard deviation of the mean [dB], linear over the logarithm of frequency, held beyond the nodes."""
     c = POLARIZATIONS.index(channel)
+    known = (curve.category, channel) in shipped_variability()
     by_status = [
-        default_mean_sd("sigma0", curve.category, status[c], float(f), channel)
+        default_mean_sd("sigma0", curve.category if known else OWN, status[c], float(f), channel)
         for f, status in zip(curve.frequency_ghz, curve.status, strict=True)
     ]
     stated = np.full(len(by_status), np.nan) if curve.mean_sd_db is None else curve.mean_sd_db[:, c]

@@ -39,6 +39,8 @@ from seqrsm.rng import generator
 from seqrsm.scattering.readers import shipped_rows
 
 BARE_SOIL: Final = "Bareground"
+OWN: Final = "own"
+"""In `data/mean_sd.csv`, a cover that `data/variability.csv` does not hold."""
 
 _ALL, _KIN = 0.25, 0.25
 _LOWEST_GHZ, _STEP_OCTAVES, _EMISSION_OCTAVES = 0.9, 2.0, 4.5

@@ -10,7 +10,14 @@ import pytest
 from seqrsm.scattering.emissivity import MOISTURE_NODES, load_emissivity_table
 from seqrsm.scattering.readers import shipped_rows
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scattering.worlds import World, default_mean_sd, drawn_by_frequency, related_by_frequency, related_covers
+from seqrsm.scattering.worlds import (
+    OWN,
+    World,
+    default_mean_sd,
+    drawn_by_frequency,
+    related_by_frequency,
+    related_covers,
+)
 from seqrsm.simulate.visits import deviates, related_fields
 
 N = 1500
@@ -128,8 +135,21 @@ def test_a_measured_mean_is_as_uncertain_as_sources_differ(
     variance = sum(np.var(g) * len(g) for g in groups.values()) / sum(len(g) - 1 for g in groups.values())
     dates = [TABLE.lookup([category], f, p).date_sd_db[0] ** 2 for category, f, p in groups if f < 2.0]
     n = np.mean([len(g) for g in (every if dates else groups).values()])
-    stated = default_mean_sd("sigma0", "Wheat", "measured", frequency, kind)
-    assert stated == pytest.approx(np.sqrt(variance - np.mean(dates or 0.0) + variance / (n + 1.0)), rel=0.1)
+    for cover, apart in (("Wheat", np.mean(dates or 0.0)), (OWN, 0.0)):  # no date is drawn of a cover of one's own
+        stated = default_mean_sd("sigma0", cover, "measured", frequency, kind)
+        assert stated == pytest.approx(np.sqrt(variance - apart + variance / (n + 1.0)), rel=0.1)
+
+
+def test_the_mean_of_a_cover_without_date_holds_what_dates_differ_by(tmp_path: Path) -> None:
+    rows = [f"{name},{f},{t},-10" for name in ("Barley", "Wheat") for f in (1.25, 5.4) for t in (0, 75)]
+    path = tmp_path / "own.csv"
+    head = "quantity,polarization,unit,status,source,category,frequency_ghz,theta_deg,value"
+    path.write_text("\n".join([head, *(f"sigma0,HH,dB,measured,me,{row}" for row in rows)]), encoding="utf-8")
+    table = load_sigma0_table(path)
+    for frequency, wanted in ((1.25, [2.1, 1.7]), (5.4, [1.7, 1.7])):
+        found = table.lookup(["Barley", "Wheat"], frequency, "HH")
+        assert found.mean_sd_db == pytest.approx(wanted)
+    assert found.date_sd_db[0] == 0.0 < found.date_sd_db[1]
 
 
 def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
