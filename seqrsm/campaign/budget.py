@@ -237,16 +237,17 @@ class Budget:
             covariance += 100.0 * variance  # of the constant, which is not known
             at, scores = start, truth[start] + noise * rng.standard_normal(len(start))
             while True:
-                own = covariance[np.ix_(at, at)] + noise**2 * np.eye(len(at))
-                pull = np.linalg.solve(own, covariance[at])
+                across = covariance[at]
+                own = across[:, at] + noise**2 * np.eye(len(at))
                 if len(at) == runs:
                     break
                 # Draws without scores, moved by what the scores say (as `Process.draw`).
                 before = root @ rng.standard_normal((len(points), min(together, runs - len(at))))
                 errors = noise * rng.standard_normal((len(at), before.shape[1]))
-                new = np.argmax(before + pull.T @ (scores[:, None] - before[at] - errors), axis=0).tolist()
+                moved = before + across.T @ np.linalg.solve(own, scores[:, None] - before[at] - errors)
+                new = np.argmax(moved, axis=0).tolist()
                 at, scores = at + new, np.append(scores, truth[new] + noise * rng.standard_normal(len(new)))
-            losses.append(truth.max() - truth[np.argmax(scores @ pull)])
+            losses.append(truth.max() - truth[np.argmax(across.T @ np.linalg.solve(own, scores))])
         return float(np.mean(losses))
 
     @cached_property
