@@ -14,7 +14,7 @@ In a notebook::
 See `seqrsm.Campaign`.
 """
 
-__version__ = "0.9.0"
+__version__ = "0.9.1"
 _NOTEBOOK = ("Campaign", "Fit")
 
 
