@@ -100,6 +100,7 @@ def test_a_campaign_passes_its_own_check_and_says_why_its_target_is_wide(tmp_pat
         assert found["target"] == 14.0
 
 
+@pytest.mark.usefixtures("few_probes")
 def test_tables_are_no_reason_for_a_wide_target_where_they_scatter_nothing(tmp_path, monkeypatch) -> None:
     real = check.check_campaign
     monkeypatch.setattr(check, "check_campaign", lambda *given: replace(real(*given), ground_share=0.0))

@@ -264,13 +264,16 @@ def test_the_target_is_for_the_whole_interval_or_for_its_part_by_chance(tmp_path
 
 
 def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) -> None:
-    """150 campaigns, each run on a ground of its own; then five flights over one ground. Without the ground: 66 %."""
+    """150 campaigns, each run on a ground of its own; then five flights over one ground.
+
+    Without the ground 66 % are covered, of which 50 campaigns tell enough.
+    """
     (tmp_path / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(7)
     never = spec.stop.model_copy(update={"half_width": 1e-9})  # the whole budget is spent, in two batches
     spec = replace(spec, stop=never, batch=24)
     ground, chance, inside, plain, widths = 5.0, 3.0, [], [], []
-    for _ in range(150):
+    for i in range(150):
         known = ground_of_scores(bundle(rng, ground, chance))
 
         def score(points: np.ndarray) -> list[NewScore]:
@@ -282,8 +285,9 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
         assert best.ground == known
         flights = 60.0 + 4.0 * best.point[0] + ground * rng.standard_normal() + chance * rng.standard_normal(5)
         inside.append(best.prediction_mean.low <= flights.mean() <= best.prediction_mean.high)
-        without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
-        plain.append(without.low <= flights.mean() <= without.high)
+        if i < 50:
+            without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
+            plain.append(without.low <= flights.mean() <= without.high)
         widths.append(best.whole.half_width)
         assert analysis.sd_of_run**2 == pytest.approx(best.ground.variance)
         assert best.whole.half_width**2 == pytest.approx(best.by_chance.half_width**2 + best.of_ground**2)
