@@ -208,19 +208,8 @@ class EmissivityTable:
         ScatteringDataError
             A category without data, an unknown polarization, a frequency out of range: all at once.
         """
-        problems: list[Problem] = []
-        if polarization not in POLARIZATIONS:
-            remedy = f"One of: {', '.join(POLARIZATIONS)}"
-            problems.append(Problem("no such polarization", remedy, field="polarization", value=polarization))
-        low, high = EMISSIVITY_GHZ
-        if not low <= frequency_ghz <= high:
-            remedy = f"Stay within {low:g} to {high:g} GHz"
-            problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
         names = tuple(categories)
-        known = (*self.curves, *self.mixes)
-        problems += unknown_covers("emissivity", known, self.file, names)
-        if problems:
-            raise ScatteringDataError(*problems)
+        self._refuse_unknown(names, frequency_ghz, polarization)
         f = float(frequency_ghz)
         days = np.broadcast_to(0.0 if day is None else day, len(names)).tolist()
         stages = list(zip(names, days, strict=True))
@@ -266,6 +255,31 @@ class EmissivityTable:
                 *(self.calendar.notes(names, polarization) if day is not None else ()),
             ),
         )
+
+    def refuse(
+        self, categories: Sequence[str], frequency_ghz: float, polarization: str, day: float | None = None
+    ) -> None:
+        """Refuse what `lookup` would, with its errors, in a tenth of the time."""
+        self._refuse_unknown(categories, frequency_ghz, polarization)
+        for name in dict.fromkeys(categories):
+            if name in self.curves and not (curve := self.curves[name]).printed:
+                between_nodes(name, curve, frequency_ghz, polarization, self.file)
+            if day is not None:
+                self.calendar.canopy_share(name, day)
+                self.calendar.emission(name, frequency_ghz, polarization, day)
+
+    def _refuse_unknown(self, categories: Sequence[str], frequency_ghz: float, polarization: str) -> None:
+        problems: list[Problem] = []
+        if polarization not in POLARIZATIONS:
+            remedy = f"One of: {', '.join(POLARIZATIONS)}"
+            problems.append(Problem("no such polarization", remedy, field="polarization", value=polarization))
+        low, high = EMISSIVITY_GHZ
+        if not low <= frequency_ghz <= high:
+            remedy = f"Stay within {low:g} to {high:g} GHz"
+            problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
+        problems += unknown_covers("emissivity", (*self.curves, *self.mixes), self.file, categories)
+        if problems:
+            raise ScatteringDataError(*problems)
 
     def _closed(self, name: str, day: float) -> float:
         """See `EmissivityLookup.closed`."""

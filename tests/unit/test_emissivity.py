@@ -244,9 +244,11 @@ def test_smooth_bare_ground_is_fresnel():
     assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "H") == pytest.approx(0.59233, abs=5e-6)
 
 
-def test_missing_category_polarization_and_frequency_are_named_together():
+@pytest.mark.parametrize("refused", [TABLE.lookup, TABLE.refuse])
+def test_missing_category_polarization_and_frequency_are_named_together(refused):
+    TABLE.refuse(["Trees"], 10.0, "H", 150.0)
     with pytest.raises(ScatteringDataError) as caught:
-        TABLE.lookup(["Trees", "Lava", "Snow"], 183.3, "HV")
+        refused(["Trees", "Lava", "Snow"], 183.3, "HV")
     text = str(caught.value)
     for part in ("'Lava'", "'Snow'", "183.3", "'HV'"):
         assert part in text
@@ -303,10 +305,12 @@ def test_user_table_replaces_and_adds_categories(tmp_path):
     assert look.status[0] == "measured"
     middle = table.lookup(["Lava"], np.sqrt(200.0), "H").emissivity[0, 0, 0]
     assert middle == pytest.approx(0.915)
-    with pytest.raises(ScatteringDataError, match="no V emissivity of Lava"):
-        table.lookup(["Lava"], 10.0, "V")
-    with pytest.raises(ScatteringDataError, match=r"Lava at H is known at 10 to 20 GHz"):
-        table.lookup(["Lava"], 5.0, "H")
+    for refused in (table.lookup, table.refuse):
+        with pytest.raises(ScatteringDataError, match="no V emissivity of Lava"):
+            refused(["Lava"], 10.0, "V")
+        with pytest.raises(ScatteringDataError, match=r"Lava at H is known at 10 to 20 GHz"):
+            refused(["Lava"], 5.0, "H")
+    table.refuse(["Lava", "Trees"], 15.0, "H")
 
 
 def test_a_users_sd_holds_at_the_lowest_angle_of_its_rows(tmp_path):

@@ -119,14 +119,18 @@ def test_worlds_depart_from_an_own_course_by_what_its_file_states(tmp_path):
 def test_an_own_course_of_emissivity_adds_to_the_table(tmp_path):
     rows = [("emissivity", "Corn", 1.4, "H", d, v, 0.01) for d, v in ((100, -0.04), (200, 0.02))]
     table = load_emissivity_table()
-    own = replace(table, calendar=calendar(tmp_path, rows))
+    own = replace(table, calendar=calendar(tmp_path, rows), mixes=table.mixes | {"Hops": {"Corn": 1.0}})
     level, found = table.lookup(("Corn",), 1.4, "H"), own.lookup(("Corn",), 1.4, "H", day=100)
     np.testing.assert_allclose(found.emissivity, np.clip(level.emissivity - 0.04, 0.0, 1.0))
     assert found.mean_sd[0] == pytest.approx(np.hypot(level.mean_sd[0], 0.01))
     bright = replace(table, calendar=calendar(tmp_path, [(*row[:5], 0.5, 0.01) for row in rows]))
     assert bright.lookup(("Corn",), 1.4, "H", day=9).emissivity.max() == 1.0
-    with pytest.raises(ScatteringDataError, match=r"the calendar has no V of Corn within an octave of 1\.4 GHz"):
-        own.lookup(("Corn",), 1.4, "V", day=100)
+    for refused in (own.lookup, own.refuse):
+        with pytest.raises(ScatteringDataError, match=r"the calendar has no V of Corn within an octave of 1\.4 GHz"):
+            refused(("Corn",), 1.4, "V", day=100)
+        with pytest.raises(ScatteringDataError, match="no calendar of this category"):
+            refused(("Hops",), 1.4, "H", day=100)
+    own.refuse(("Corn",), 1.4, "H", 100)
 
 
 def test_ground_with_a_course_of_ones_own_hides_the_soil_unless_it_is_bare(tmp_path):

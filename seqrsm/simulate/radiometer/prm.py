@@ -160,7 +160,8 @@ def check_radiometer(
     _, mean, _ = known_heights(scene)
     if radiometer.temperature == "layer":
         temperature_layer(scene)
-    lookups_of(scene, radiometer, table, day)
+    for channel in radiometer.channels:
+        table.refuse(scene.categories, radiometer.frequency_ghz, channel, day)
     rows, columns = scene.shape if radiometer.quarter_turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
 
