@@ -450,9 +450,9 @@ def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
 
 
 def loss_text(analysis: Analysis, loss: float) -> str:
-    """Return an expected loss to two digits; "less than" a hundredth of the interval where it is smaller."""
+    """Return an expected loss to two digits; "less than" a hundredth of the interval, else of the loss that counts."""
     half = analysis.optimum.prediction.half_width
-    smallest = 0.01 * (half if math.isfinite(half) and half > 0.0 else abs(analysis.optimum.mean))
+    smallest = 0.01 * (half if math.isfinite(half) and half > 0.0 else analysis.posterior.regret_epsilon)
     if loss < smallest:
         return f"less than {with_unit(format_significant(smallest, 1), analysis.score_unit)}"
     return with_unit(format_significant(loss, 2), analysis.score_unit)

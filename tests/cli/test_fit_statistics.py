@@ -629,6 +629,15 @@ def test_runs_of_leverage_one_are_told_in_the_plural_where_there_are_others(tmp_
     assert "leverage 1" not in text
 
 
+def test_loss_without_an_interval_ignores_the_origin_of_scores(tmp_path: Path) -> None:
+    def told(name: str, origin: float) -> str:
+        rows = [{"x": x, "score": origin + x * (12.0 - x)} for x in (0.0, 5.0, 10.0)]
+        text = " ".join(command("fit", make(tmp_path / name, X, rows))[1].split())
+        return text.split("unknown true optimum: ")[1].split(";")[0]
+
+    assert told("near", 0.0) == told("far", 1000.0)
+
+
 def test_scores_without_scatter_give_no_intervals(tmp_path: Path) -> None:
     """That no scatter was seen is not to say that a future run has none."""
     rows = [{"x": x, "pol": pol, "score": 70.1} for x in (0, 2.5, 5, 10) for pol in ("HH", "VV") for _ in range(2)]
