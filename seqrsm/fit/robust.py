@@ -15,7 +15,7 @@ from seqrsm.fit.convergence import ess, ess_tail
 STUDENT_DF = 4.0
 """Degrees of freedom ``nu`` of Student-t errors."""
 
-_EM_STEPS = 60
+_EM_STEPS, _TOO_HIGH = 60, 0.095
 
 
 def student_share(square: FloatArray) -> FloatArray:
@@ -64,7 +64,9 @@ def student_evidence(Z: FloatArray, y: FloatArray, weights: FloatArray) -> float
     """Natural logarithm of the evidence for Student-t errors over that for normal ones, of Z (n, p) and y (n,).
 
     Flat priors of the coefficients and of log sigma, the same in both. By Laplace's approximation with the expected
-    information (Lange, Little & Taylor 1989). 0 with fewer than three residual degrees of freedom, or without scatter.
+    information (Lange, Little & Taylor 1989), which is too high by about a tenth of the sum of squared leverages, by
+    three where 60 runs have 45 terms (importance sampling over the runs' shares). 0 with fewer than three residual
+    degrees of freedom, or without scatter.
     """
     wild, plain = (_most_likely(Z, y, weights, share_of) for share_of in (student_share, np.ones_like))
     if wild is None or plain is None:
@@ -74,7 +76,8 @@ def student_evidence(Z: FloatArray, y: FloatArray, weights: FloatArray) -> float
     found = n * (gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(0.5 * nu))
     found -= 0.5 * (nu + 1.0) * np.sum(np.log1p(square / (nu * scale)))
     found -= 0.5 * (p * np.log((nu + 1.0) / (nu + 3.0)) + np.log(nu / (nu + 3.0)))
-    return float(found + 0.5 * (n - p) * (1.0 + np.log(variance / scale)))
+    leverage = np.sum(np.linalg.qr(Z * np.sqrt(weights)[:, None])[0] ** 2, axis=1)
+    return float(found + 0.5 * (n - p) * (1.0 + np.log(variance / scale)) - _TOO_HIGH * np.sum(leverage**2))
 
 
 _CHAINS, _WARM_UP = 200, 20
