@@ -10,7 +10,7 @@ import csv
 import hashlib
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -95,20 +95,12 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
     except Exception as error:  # the libraries raise whatever they like over a broken file
         remedy = "Save it anew, or as CSV in UTF-8."
         raise ScoresFileError(f"the file cannot be read: {error}", remedy, file=str(path)) from None
-    sheets = {sheet.title: _filled(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
-    full = {name: rows for name, rows in sheets.items() if rows}
+    sheets = {sheet.title: list(sheet.values) for sheet in book.worksheets}
+    full = {name: rows for name, rows in sheets.items() if any(cell is not None for row in rows for cell in row)}
     if len(full) > 1:
         message = f"the workbook has {len(full)} sheets with content: {', '.join(full)}"
         raise ScoresFileError(message, "Leave the one with the scores.", file=str(path))
     return next(iter(full.values()), [])
-
-
-def _filled(sheet: Iterable[Sequence[Any]]) -> list[Sequence[Any]]:
-    """Rows of a sheet as far down and across as any cell is filled."""
-    rows = list(sheet)
-    ends = [max((k + 1 for k, cell in enumerate(row) if cell is not None), default=0) for row in rows]
-    last = max((k + 1 for k, end in enumerate(ends) if end), default=0)
-    return [row[: max(ends)] for row in rows[:last]]
 
 
 def _csv_of(rows: Iterable[Iterable[Any]]) -> bytes:

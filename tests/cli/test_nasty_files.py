@@ -313,6 +313,10 @@ def test_spreadsheets_and_parquet(folder: Path, kind: str, library: str, extra: 
         with pytest.raises(ScoresFileError, match=r"scores.xlsx:2: score: this is not a number"):
             c.ingest(path)
     getattr(frame(), {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
+    if kind == "xlsx":  # cells that have a format, and nothing in them
+        book = importlib.import_module(library).load_workbook(path)
+        book.active.cell(row=40, column=9).number_format = "0.00"
+        book.save(path)
     c.ingest(path)
     assert [run.scores[0].score for run in c.opened.store.runs()] == frame()["score"].to_list()
     path.write_bytes(b"no such thing")

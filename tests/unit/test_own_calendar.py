@@ -16,8 +16,10 @@ from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import from_settings
+from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radiometer.prm import check_radiometer
 from seqrsm.simulate.visits import Visit
 
 CROPS = ("Wheat", "Corn", "Vegetables", "Grass", "Trees")
@@ -131,6 +133,9 @@ def test_an_own_course_of_emissivity_adds_to_the_table(tmp_path):
         with pytest.raises(ScatteringDataError, match="no calendar of this category"):
             refused(("Hops",), 1.4, "H", day=100)
     own.refuse(("Corn",), 1.4, "H", 100)
+    radiometer = RadiometerConfiguration(1.4, ("V",), 200.0, 20.0, 20.0, 500.0, 2.0, 1000.0)
+    with pytest.raises(ScatteringDataError, match="the calendar has no V"):  # before any run
+        check_radiometer(fields(("Corn",)), radiometer, own, 100.0)
 
 
 def test_ground_with_a_course_of_ones_own_hides_the_soil_unless_it_is_bare(tmp_path):
