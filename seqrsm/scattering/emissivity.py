@@ -209,7 +209,7 @@ class EmissivityTable:
             A category without data, an unknown polarization, a frequency out of range: all at once.
         """
         names = tuple(categories)
-        self._refuse_unknown(names, frequency_ghz, polarization)
+        self.refuse(names, frequency_ghz, polarization)
         f = float(frequency_ghz)
         days = np.broadcast_to(0.0 if day is None else day, len(names)).tolist()
         stages = list(zip(names, days, strict=True))
@@ -260,15 +260,6 @@ class EmissivityTable:
         self, categories: Sequence[str], frequency_ghz: float, polarization: str, day: float | None = None
     ) -> None:
         """Refuse what `lookup` would, with its errors, in a tenth of the time."""
-        self._refuse_unknown(categories, frequency_ghz, polarization)
-        for name in dict.fromkeys(categories):
-            if name in self.curves and not (curve := self.curves[name]).printed:
-                between_nodes(name, curve, frequency_ghz, polarization, self.file)
-            if day is not None:
-                self.calendar.canopy_share(name, day)
-                self.calendar.emission(name, frequency_ghz, polarization, day)
-
-    def _refuse_unknown(self, categories: Sequence[str], frequency_ghz: float, polarization: str) -> None:
         problems: list[Problem] = []
         if polarization not in POLARIZATIONS:
             remedy = f"One of: {', '.join(POLARIZATIONS)}"
@@ -280,6 +271,12 @@ class EmissivityTable:
         problems += unknown_covers("emissivity", (*self.curves, *self.mixes), self.file, categories)
         if problems:
             raise ScatteringDataError(*problems)
+        for name in dict.fromkeys(categories):
+            if name in self.curves and not (curve := self.curves[name]).printed:
+                between_nodes(name, curve, frequency_ghz, polarization, self.file)
+            if day is not None:
+                self.calendar.canopy_share(name, day)
+                self.calendar.emission(name, frequency_ghz, polarization, day)
 
     def _closed(self, name: str, day: float) -> float:
         """See `EmissivityLookup.closed`."""
