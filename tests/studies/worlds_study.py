@@ -1,6 +1,6 @@
 """Do intervals hold over grounds that the tables do not know? Campaigns, and then flights in worlds drawn afresh.
 
-    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 40] [--workers 2]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 80] [--workers 2]
 
 Each example campaign is run to its end with several seeds. At what it recommends five flights are simulated in each of
 some fresh worlds, 200 or more in all: how many single flights, and means of five, lie in their 95 % intervals? And what
@@ -35,7 +35,7 @@ from seqrsm.spec.read import load_spec
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation"
 FRESH = 2**28  # worlds and occasions of no campaign
-FLIGHTS, WORLDS = 5, 200
+FLIGHTS, WORLDS = 5, 400
 SETTINGS, GROUNDS = 20, 48  # of the differences between grounds
 SITES = ("langegracht-radar", "limburg-radar", "wake-radiometer")
 ORDERS = {"intercept": 0, "linear": 1, "category": 1, "interaction": 2, "square": 2}
@@ -195,7 +195,7 @@ def page(rows: list[dict[str, Any]], differences: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Make what is missing, and the page."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--seeds", type=int, default=80)
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     store = OUT / "worlds.json"
