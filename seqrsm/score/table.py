@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+from warnings import catch_warnings
 
 from seqrsm.errors import ScoresFileError
 from seqrsm.files import csv_text
@@ -88,7 +89,8 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
         from openpyxl import load_workbook
 
         # Cells as last computed: pandas would make a missing value of an error such as #DIV/0!.
-        book = load_workbook(path, data_only=True)
+        with catch_warnings(action="ignore"):  # of what is not read, such as rules for what a cell may hold
+            book = load_workbook(path, data_only=True)
     except ImportError:
         remedy = f"Install it: pip install 'seqrsm[{extra}]', or save the table as CSV in UTF-8."
         raise ScoresFileError(f"a {kind} file needs {library}", remedy, file=str(path)) from None

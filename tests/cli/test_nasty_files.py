@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -295,7 +297,9 @@ def test_tables_in_memory_are_guarded_too(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "library", "extra"), [("xlsx", "openpyxl", "excel"), ("parquet", "pyarrow", "parquet")]
 )
-def test_spreadsheets_and_parquet(folder: Path, kind: str, library: str, extra: str) -> None:
+def test_spreadsheets_and_parquet(
+    folder: Path, kind: str, library: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (folder / "campaign.toml").write_text(SPEC.format(utility=NUMBERS), encoding="utf-8")
     c = seqrsm.Campaign(folder)
     path = folder / f"scores.{kind}"
@@ -314,9 +318,17 @@ def test_spreadsheets_and_parquet(folder: Path, kind: str, library: str, extra: 
             c.ingest(path)
     getattr(frame(), {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
     if kind == "xlsx":  # cells that have a format, and nothing in them
-        book = importlib.import_module(library).load_workbook(path)
+        openpyxl = importlib.import_module(library)
+        book = openpyxl.load_workbook(path)
         book.active.cell(row=40, column=9).number_format = "0.00"
         book.save(path)
+        real = openpyxl.load_workbook
+
+        def warned(*given: Any, **more: Any) -> Any:
+            warnings.warn("Data Validation extension is not supported and will be removed", stacklevel=2)
+            return real(*given, **more)
+
+        monkeypatch.setattr(openpyxl, "load_workbook", warned)
     c.ingest(path)
     assert [run.scores[0].score for run in c.opened.store.runs()] == frame()["score"].to_list()
     path.write_bytes(b"no such thing")
